@@ -29,8 +29,7 @@ LOWEST_GRID = 200.0
 HIGHEST_GRID = 1000.0
 # This many samples of one sensor, or points of the true motion, take minutes and gigabytes.
 MOST_SAMPLES = 5e6
-# No such sensor samples more often [Hz].
-HIGHEST_RATE = 1e4
+HIGHEST_RATE = 1e4  # no such sensor samples more often [Hz]
 Rate = Annotated[
     float, Bound("a positive number of Hz, 10000 at most", 0.0, HIGHEST_RATE, beyond=True)
 ]

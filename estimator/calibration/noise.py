@@ -91,22 +91,22 @@ def _position_channel(
     turning: Floats,
     driving: Floats,
 ) -> Channel:
-    """Channel of the rows along and across of each segment, which alternate.
+    """Channel of the rows along and across of each segment (s,), which alternate.
 
-    The first component is the truth's, the others the model's: along and across by turning, and by
-    driving (n,) [m].
+    Components: the truth's noise, the model's along by `turning`, by `driving` (n,) [m], and across.
     """
     bands = np.zeros((5, 4, 2 * len(segments)))
-    bands[0, 0] = 2.0
+    of_truth, along_by_turning, along_by_driving, across_by_turning, across_by_driving = bands
+    of_truth[0] = 2.0
     linked, turn = _linked(follows, segments), np.diff(heading[segments])
     cos, sin = np.where(linked, np.cos(turn), 0.0), np.where(linked, np.sin(turn), 0.0)
-    # Noise at the shared knot, along the later heading and the earlier one: -R(turn).
+    # Neighbours share a knot: the covariance of (along, across) with the next ones is -R(turn).
     along = 2 * np.arange(len(segments) - 1)
-    bands[0, 2, along], bands[0, 2, along + 1] = -cos, -cos
-    bands[0, 3, along], bands[0, 1, along + 1] = sin, -sin
-    for row in (0, 1):
-        bands[1 + 2 * row, 0, row::2] = turning[segments] ** 2
-        bands[2 + 2 * row, 0, row::2] = driving[segments] ** 2
+    across = along + 1
+    of_truth[2, along], of_truth[3, along] = -cos, sin
+    of_truth[1, across], of_truth[2, across] = -sin, -cos
+    along_by_turning[0, 0::2] = across_by_turning[0, 1::2] = turning[segments] ** 2
+    along_by_driving[0, 0::2] = across_by_driving[0, 1::2] = driving[segments] ** 2
     return Channel("position", _rows(segments, [ALONG, ACROSS]), bands)
 
 

@@ -167,7 +167,7 @@ def twist_model(
 def tilting(x: Any, roll_rate: Any, pitch_rate: Any) -> Tilting:
     """Compute the turning of a tilted body; rates that are not known are NaN."""
     is_known = roll_rate == roll_rate  # not NaN
-    down = select(is_known, down_of((x[s.GRAVITY_X], x[s.GRAVITY_Y])), 0.0)
+    down = select(is_known, downward_gravity((x[s.GRAVITY_X], x[s.GRAVITY_Y])), 0.0)
     roll = select(is_known, roll_rate - x[s.GYRO_BIAS_X], 0.0)
     pitch = select(is_known, pitch_rate - x[s.GYRO_BIAS_Y], 0.0)
     return Tilting(down, roll, pitch, is_known)
@@ -274,5 +274,5 @@ bias_change = traced(standstill.bias_change)
 gyro_variance = traced(sensor_models.gyro_variance)
 accelerometer_forecast = traced(sensor_models.accelerometer_forecast)
 _step_along_arc = traced(propagation.step_along_arc)
-seen_from_above = traced(propagation.seen_from_above)
-down_of = traced(propagation.down_of)
+horizontal_projection = traced(propagation.horizontal_projection)
+downward_gravity = traced(propagation.downward_gravity)

@@ -377,7 +377,7 @@ class Step:
         """Move by a body velocity along the sloping ground, seen from above."""
         x, dt = self.lane.x, self.lane.constant("dt")
         slope = x[s.GRAVITY_X], x[s.GRAVITY_Y]
-        by_twist, yaw_rate = model.seen_from_above(tilt.pitch_rate, slope)
+        by_twist, yaw_rate = model.horizontal_projection(tilt.pitch_rate, slope)
         twist = [
             sum(by * part for by, part in zip(row, now.twist, strict=True)) for row in by_twist
         ]

@@ -38,6 +38,12 @@ class TrackSpeedSeries:
         if (self.left_wheels is None) != (self.right_wheels is None):
             raise EstimatorError("left_wheels and right_wheels go together, found one of them")
 
+    @property
+    def difference(self) -> Floats:
+        """Speed of the right track less that of the left (n,) [m/s]: V_r - V_l."""
+        left, right = self.speeds.T
+        return np.asarray(right - left)
+
 
 @dataclass(frozen=True)
 class ImuSeries:

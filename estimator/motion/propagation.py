@@ -67,32 +67,33 @@ def step_along_arc(yaw: float, motion: Any, arc: Any) -> PoseStep:
     return PoseStep((step_x, step_y, angle), (-step_y, step_x), by_motion)
 
 
-def down_of(gravity: Any) -> float:
+def downward_gravity(gravity: Any) -> float:
     """Acceleration of gravity towards the ground, by its components along it [m/s²]."""
     along = gravity[0] * gravity[0] + gravity[1] * gravity[1]
     return math.sqrt(max(GRAVITY * GRAVITY - along, LEAST_DOWN))
 
 
-def seen_from_above(pitch_rate: float, gravity: Any) -> tuple[Any, float]:
+def horizontal_projection(pitch_rate: float, gravity: Any) -> tuple[Any, float]:
     """Factors from a body velocity to its projection onto the horizontal.
 
-    With the upward direction (a, b, e) in the axes of the body, its x axis seen from above has the length
-    c = sqrt(1 - a²); the heading is its direction. The yaw rate is the kinematics of Euler angles
-    (Titterton and Weston, Strapdown Inertial Navigation Technology, section 3.6).
+    The heading is the direction of the body's projected x axis. The yaw rate is the kinematics of Euler
+    angles (Titterton and Weston, Strapdown Inertial Navigation Technology, section 3.6).
 
     Args:
-        pitch_rate: turning of the body about its y axis [rad/s].
+        pitch_rate: angular rate of the body about its y axis [rad/s].
         gravity: acceleration of gravity along the ground, forward and left [m/s²].
 
     Returns:
-        Matrix (3, 3) from forward, left and turning about the z axis to the motion along the heading, to
-        the left of it, and yaw; and the yaw rate of the pitch rate [rad/s].
+        Matrix (3, 3) from velocity forward, left and rate about the body's z axis to velocity along the
+        heading, to the left of it, and yaw rate; and the yaw rate by the pitch rate [rad/s].
     """
-    (a, b), e = upward(gravity), down_of(gravity) / GRAVITY
-    square = b * b + e * e
-    c = math.sqrt(square)
-    rows = ((c, -a * b / c, 0.0), (0.0, e / c, 0.0), (0.0, 0.0, e / square))
-    return rows, b / square * pitch_rate
+    # Upward direction in the axes of the body; the x axis has the horizontal length cos(pitch).
+    (up_x, up_y), up_z = upward(gravity), downward_gravity(gravity) / GRAVITY
+    square = up_y * up_y + up_z * up_z
+    cos_pitch = math.sqrt(square)
+    along_heading = (cos_pitch, -up_x * up_y / cos_pitch, 0.0)
+    projection = (along_heading, (0.0, up_z / cos_pitch, 0.0), (0.0, 0.0, up_z / square))
+    return projection, up_y / square * pitch_rate
 
 
 def upward(gravity: Any) -> tuple[Any, Any]:

@@ -41,9 +41,9 @@ from icreckon.estimator.motion.motion_model import (
 )
 from icreckon.estimator.motion.propagation import (
     Triple,
-    down_of,
+    downward_gravity,
     gauss_markov,
-    seen_from_above,
+    horizontal_projection,
     step_on_se2,
     turn,
     upward,
@@ -78,6 +78,8 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     Attributes:
         regressors: (3, 10) smoothed derivatives of the twist by the parameters, of the steps before, and
             last in the third row the yaw rate; None for those of the present speeds.
+        fixed_for_imu: places of the states that an accelerometer update leaves.
+        fixed_for_gyro: places of the states that a gyro update leaves.
     """
 
     def __init__(self, model: MotionModel) -> None:
@@ -187,12 +189,12 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             self.regressors += smoothing_share(dt, REGRESSOR_SMOOTHING) * (
                 self._regressors_at(left, right, mean) - self.regressors
             )
-        biases, down = self.x[[s.GYRO_BIAS_X, s.GYRO_BIAS_Y]], down_of(gravity)
+        biases, down = self.x[[s.GYRO_BIAS_X, s.GYRO_BIAS_Y]], downward_gravity(gravity)
         roll_rate, pitch_rate = (np.array(tilt_rates) - biases).tolist()
         known = not math.isnan(roll_rate)
         if not known:
             roll_rate = pitch_rate = down = 0.0
-        factors, yaw_rate = seen_from_above(pitch_rate, gravity)
+        factors, yaw_rate = horizontal_projection(pitch_rate, gravity)
         by_twist = np.array(factors)
         moved = by_twist.dot(model.twist) * dt
         moved[s.YAW] += yaw_rate * dt

@@ -31,7 +31,7 @@ from icreckon.estimator.log.measurements import (
     Vector3,
 )
 from icreckon.estimator.motion.motion_model import TwistModel
-from icreckon.estimator.motion.propagation import down_of, gauss_markov
+from icreckon.estimator.motion.propagation import downward_gravity, gauss_markov
 from icreckon.estimator.reference.ekf import IcrEkf, ProcessNoise
 from icreckon.estimator.reference.imu import StepTwist, accelerometer, gyro
 from icreckon.estimator.robot.robot_file import Robot
@@ -150,7 +150,7 @@ class ReferenceFilter:
         # Propagate the pose by the updated twist.
         if dt > 0.0:
             speeds, sigma = (inputs.smooth_left, inputs.smooth_right), self._slip_sigma()
-            tilt = down_of(ekf.x[s.GRAVITY].tolist()) * math.sqrt(tilt_density)
+            tilt = downward_gravity(ekf.x[s.GRAVITY].tolist()) * math.sqrt(tilt_density)
             noise_of = process_noise(self._disturbances, speeds, sigma, inputs.turn_density, tilt)
             tilting = (tilt_rates.item(0), tilt_rates.item(1))
             ekf.predict_motion(dt, left + missing, right + missing, noise_of, tilting)

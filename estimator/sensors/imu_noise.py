@@ -42,8 +42,7 @@ class Pace(msgspec.Struct):
 
     stamp: Stamp = NEVER  # stamp of the newest value [ns], or NEVER
     interval: Size = 0.0  # averaged interval between values [s]
-    # number of values since the newest gap, at most 3
-    run: Annotated[int, msgspec.Meta(ge=0, le=3)] = 0
+    run: Annotated[int, msgspec.Meta(ge=0, le=3)] = 0  # values since the newest gap, at most 3
 
 
 class Differences(msgspec.Struct, array_like=True):
@@ -59,10 +58,8 @@ class AxisNoise(msgspec.Struct):
     """Noise of one axis."""
 
     total: float = 0.0  # sum of the readings of the block under way
-    # differences of single readings
-    readings: Differences = msgspec.field(default_factory=Differences)
-    # differences of means over blocks
-    blocks: Differences = msgspec.field(default_factory=Differences)
+    readings: Differences = msgspec.field(default_factory=Differences)  # of single readings
+    blocks: Differences = msgspec.field(default_factory=Differences)  # of means over blocks
 
 
 class NoiseRecord(msgspec.Struct):
@@ -70,14 +67,11 @@ class NoiseRecord(msgspec.Struct):
 
     is_first: Flag = 1  # 1 until the second sample
     in_block: Count = 0  # number of readings in the block under way
-    # clock of the readings, without repeated samples
-    readings: Pace = msgspec.field(default_factory=Pace)
+    readings: Pace = msgspec.field(default_factory=Pace)  # clock of the distinct readings
     blocks: Pace = msgspec.field(default_factory=Pace)  # clock of the blocks
     gyro: AxisNoise = msgspec.field(default_factory=AxisNoise)  # noise of the yaw rate
-    # noise of the specific force forward
-    accelerometer_x: AxisNoise = msgspec.field(default_factory=AxisNoise)
-    # noise of the specific force to the left
-    accelerometer_y: AxisNoise = msgspec.field(default_factory=AxisNoise)
+    accelerometer_x: AxisNoise = msgspec.field(default_factory=AxisNoise)  # of force forward
+    accelerometer_y: AxisNoise = msgspec.field(default_factory=AxisNoise)  # of force to the left
 
 
 class ImuNoise(NamedTuple):
@@ -91,7 +85,7 @@ class ImuNoise(NamedTuple):
 def measure_noise(
     noise: NoiseRecord, stamp: int, rate: float, force_x: float, force_y: float, hold: float
 ) -> None:
-    """Add an IMU sample.
+    """Add an IMU sample: its readings, and with the last of a block the block's means.
 
     Args:
         noise: record, changed in place.
@@ -106,38 +100,38 @@ def measure_noise(
     rate = rate if rate == rate else gyro.readings.newest
     force_x = force_x if force_x == force_x else x.readings.newest
     force_y = force_y if force_y == force_y else y.readings.newest
-    readings, blocks = noise.readings, noise.blocks
-    noise.is_first = 1 if readings.stamp == NEVER else 0
+    pace, block_pace = noise.readings, noise.blocks
+    noise.is_first = 1 if pace.stamp == NEVER else 0
     if not noise.is_first:
         repeated = rate == gyro.readings.newest and force_x == x.readings.newest
         if repeated and force_y == y.readings.newest:
             # A driver that repeats samples: they hold no noise of their own.
             return
-    dt = paced(readings, stamp, hold)
-    add_value(gyro.readings, rate, readings.run, dt, readings.interval)
-    add_value(x.readings, force_x, readings.run, dt, readings.interval)
-    add_value(y.readings, force_y, readings.run, dt, readings.interval)
-    if readings.run == 1:
+    dt = advance(pace, stamp, hold)
+    add_value(gyro.readings, rate, pace.run, dt, pace.interval)
+    add_value(x.readings, force_x, pace.run, dt, pace.interval)
+    add_value(y.readings, force_y, pace.run, dt, pace.interval)
+    if pace.run == 1:
         # A block begins after the first reading.
-        blocks.stamp, blocks.run, noise.in_block = stamp, 0, 0
+        block_pace.stamp, block_pace.run, noise.in_block = stamp, 0, 0
         gyro.total = x.total = y.total = 0.0
         return
     noise.in_block += 1
     gyro.total += rate
     x.total += force_x
     y.total += force_y
-    if (stamp - blocks.stamp) * NANOSECOND < BLOCK:
+    if (stamp - block_pace.stamp) * NANOSECOND < BLOCK:
         return
     count = noise.in_block
-    dt = paced(blocks, stamp, hold)
-    add_value(gyro.blocks, gyro.total / count, blocks.run, dt, blocks.interval)
-    add_value(x.blocks, x.total / count, blocks.run, dt, blocks.interval)
-    add_value(y.blocks, y.total / count, blocks.run, dt, blocks.interval)
+    dt = advance(block_pace, stamp, hold)
+    add_value(gyro.blocks, gyro.total / count, block_pace.run, dt, block_pace.interval)
+    add_value(x.blocks, x.total / count, block_pace.run, dt, block_pace.interval)
+    add_value(y.blocks, y.total / count, block_pace.run, dt, block_pace.interval)
     noise.in_block = 0
     gyro.total = x.total = y.total = 0.0
 
 
-def paced(pace: Pace, stamp: int, hold: float) -> float:
+def advance(pace: Pace, stamp: int, hold: float) -> float:
     """Add the stamp [ns] of a value; return the time since the one before [s].
 
     It is zero after a gap: an interval longer than `hold` [s].

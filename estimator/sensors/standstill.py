@@ -24,31 +24,29 @@ ROOM = 64  # size of a buffer of readings that grows
 SIGMAS_OF_FILE, SIGMAS_OF_MEASURED = 5.0, 8.0
 SIGMAS_OF_MEAN = 4.0  # standard deviations beyond which their mean shows that the bias has changed
 SLOW_TURN = 0.5  # a slow turn is this share of a bias that changed, at one standard deviation
-# Time without quiet readings after which a robot with its tracks at rest is carried: a robot rocks for a
-# moment when it stops [s]. Its speed then, as a standard deviation [m/s].
-ROCKING, CARRIED_SPEED = 1.0, 0.5
+# Time without quiet readings after which a robot with its tracks at rest is carried [s]; a robot that
+# stops rocks for a moment.
+ROCKING_TIME = 1.0
+CARRIED_SPEED = 0.5  # standard deviation of the speed of a carried robot [m/s]
 
 
 class StandstillRecord(msgspec.Struct):
     """Record of a standstill."""
 
-    # stamp of the first track speeds that were slow enough [ns], or NEVER
-    stopped_since: Stamp = NEVER
+    stopped_since: Stamp = NEVER  # stamp of the first slow track speeds [ns], or NEVER
     first: int = 0  # place in the buffer of the oldest reading that counts
     end: int = 0  # place after the newest
-    # stamp from which on readings have not been quiet, although the tracks have stopped for long enough
-    # [ns], or NEVER
-    restless_since: Stamp = NEVER
+    restless_since: Stamp = NEVER  # stamp since which readings at rest are not quiet [ns], or NEVER
     carried_since: Stamp = NEVER  # stamp from which on the robot is carried [ns], or NEVER
-    carries: int = 0  # number of times that it was
+    carries: int = 0  # number of times that it was carried
     quiet_at: Stamp = NEVER  # stamp of the newest reading at which the robot stood [ns], or NEVER
     quiet_mean: float = 0.0  # mean of the readings then [rad/s]
     mean_before: float = 0.0  # the same at the end of the rest before [rad/s]
-    # stamp from which on the mean is another than before this rest [ns], or NEVER
-    changed_at: Stamp = NEVER
-    # time at rest since the robot last stood, at the newest quiet reading [s]
-    rest_time: float = 0.0
-    drive_time: float = 0.0  # time of driving since then [s]; 0 if it never stood
+    changed_at: Stamp = (
+        NEVER  # stamp since which the mean differs from `mean_before` [ns], or NEVER
+    )
+    rest_time: float = 0.0  # time at rest before the newest quiet reading [s]
+    drive_time: float = 0.0  # time of driving since the last standstill [s]; 0 without one
 
 
 class QuietMemory(NamedTuple):
@@ -125,18 +123,18 @@ def quiet_mean(
             # Readings begin to count after the newest one that is not quiet.
             still.first = min(k + 1, end - 1)
             if still.stopped_since <= oldest_needed:
-                keep_restless(still, stamp)
+                add_restless(still, stamp)
             return math.nan
     if still.stopped_since > oldest_needed or stamps[first] > oldest_needed:
         return math.nan
     if abs(mean - settings.gyro_bias) > settings.most_bias:
         # Smooth, and no bias: it turns.
-        keep_restless(still, stamp)
+        add_restless(still, stamp)
         return math.nan
     settle(still)
     mean_sigma = max(of_file, noise) / math.sqrt(settings.duration_ns * NANOSECOND)
     by_noise = SIGMAS_OF_MEAN * math.sqrt(2.0) * mean_sigma
-    keep_quiet(still, stamp, mean, settings.usual_change + by_noise)
+    add_quiet(still, stamp, mean, settings.usual_change + by_noise)
     return mean
 
 
@@ -158,8 +156,8 @@ def add_reading(
     still.first, still.end = first, end + 1
 
 
-def keep_quiet(still: StandstillRecord, stamp: int, mean: float, usual_change: float) -> None:
-    """Add a sample [ns] at which the robot stands, with its quiet mean [rad/s].
+def add_quiet(still: StandstillRecord, stamp: int, mean: float, usual_change: float) -> None:
+    """Add a stamp [ns] at which the robot stands, with its quiet mean [rad/s].
 
     Noise and the walk of the bias explain a change of the mean up to `usual_change` [rad/s].
     """
@@ -177,11 +175,14 @@ def keep_quiet(still: StandstillRecord, stamp: int, mean: float, usual_change: f
         still.changed_at = stamp
 
 
-def keep_restless(still: StandstillRecord, stamp: int) -> None:
-    """Add a sample [ns] at which the robot turns or is shaken with its tracks at rest."""
+def add_restless(still: StandstillRecord, stamp: int) -> None:
+    """Add a stamp [ns] at which the robot turns or is shaken with its tracks at rest.
+
+    After `ROCKING_TIME` of them the robot is carried.
+    """
     if still.restless_since == NEVER:
         still.restless_since = stamp
-    if not is_carried(still) and (stamp - still.restless_since) * NANOSECOND > ROCKING:
+    if not is_carried(still) and (stamp - still.restless_since) * NANOSECOND > ROCKING_TIME:
         still.carried_since = stamp
         still.carries += 1
 

@@ -146,7 +146,9 @@ def command(
 
 def _origin(found: Calibration) -> str:
     """Origin of the multiplier of the wheel separation, with its standard error."""
-    track = next((one for one in found.parameters if one.name == "effective_track"), None)
+    track = next(
+        (parameter for parameter in found.parameters if parameter.name == "effective_track"), None
+    )
     if track is None or track.sigma_other_logs is None:
         return "of the robot file"
     return f"calibrated ± {track.sigma_other_logs / found.robot.vehicle.track_gauge:.2g}"
@@ -156,7 +158,7 @@ def _files_of(path: Path) -> list[Path]:
     """Log of a path: itself, or all files of a folder that is not a bag."""
     if not path.is_dir() or (path / BAG_FOLDER).exists():
         return [path]
-    files = sorted(one for one in path.iterdir() if one.name.lower().endswith(SUFFIXES))
+    files = sorted(file for file in path.iterdir() if file.name.lower().endswith(SUFFIXES))
     if not files:
         raise ReplayError(
             f"{path} is a folder without {BAG_FOLDER} and without files that end in "

@@ -25,8 +25,7 @@ from icreckon.replay.inspection.inspect import guess_mapping
 from icreckon.replay.reading.gather import source_name
 from icreckon.replay.reading.read_log import read_log
 
-# Smallest cost that counts, as a share of the drift [-].
-LEAST_SHARE = 0.2
+LEAST_SHARE = 0.2  # smallest cost that counts, as a share of the drift [-]
 
 
 def command(

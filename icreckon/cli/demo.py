@@ -24,10 +24,8 @@ ROBOT = "auriga-alpha"
 DEFAULT_FOLDER = "icreckon-demo"
 BAG = "bag"
 DURATION = 300.0
-# End of the fixes, as a share of the run.
-FIXES_END = 1.0 / 3.0
-# Ground that a robot drives on outdoors.
-TERRAIN = Terrain(rolling_deg=3.0, wavelength=20.0)
+FIXES_END = 1.0 / 3.0  # end of the fixes, as a share of the run
+TERRAIN = Terrain(rolling_deg=3.0, wavelength=20.0)  # ground that a robot drives on outdoors
 
 
 def command(

@@ -25,12 +25,9 @@ from icreckon.report.printable import printable
 
 NAMES = ("topic or column", "type", "frame or file")
 NUMBERS = ("messages", "rate\nHz", "gaps", "longest\ngap, s", "header-\nrecorded, s", "repeated")
-# First bytes of a PNG.
-PNG = b"\x89PNG"
-# Numbers that a narrow terminal has no room for.
-LEFT_OUT = (2, 4)
-# Width of a terminal from which on names have columns of their own [characters].
-WIDE_FROM = 120
+PNG = b"\x89PNG"  # first bytes of a PNG
+LEFT_OUT = (2, 4)  # numbers that a narrow terminal has no room for
+WIDE_FROM = 120  # width of a terminal from which on names have columns of their own [characters]
 
 
 def command(
@@ -137,7 +134,7 @@ def _show(found: Inspection, *, wide: bool, with_file: bool) -> None:
         out.print(Text(f"Found: {finding}"))
     for what, count in found.dropped.items():
         out.print(Text(f"Would be dropped: {count} x {what}"))
-    for note in (one for one in found.notes if not one.startswith(OF_STAMPS)):
+    for note in (note for note in found.notes if not note.startswith(OF_STAMPS)):
         out.print(Text(f"Note: {note}"))
     if with_file:
         out.print(Text("\nProposed robot file (--write FILE saves it):\n"))
@@ -162,7 +159,7 @@ def _number(value: float | None, digits: int) -> str:
 
 def _as_plain(found: Inspection) -> dict[str, object]:
     track = found.track
-    bins = [] if track is None else [one._asdict() for one in track.bins]
+    bins = [] if track is None else [rate_bin._asdict() for rate_bin in track.bins]
     return {
         "path": str(found.path),
         "duration_s": found.duration,

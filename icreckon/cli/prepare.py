@@ -24,8 +24,7 @@ from icreckon.simulation.study.plan import load_study, study_names
 # Kernels depend on the motion model and on what is uncertain, not on the robot.
 ROBOT = "auriga-alpha"
 SECONDS = 5.0
-# Each process takes up to half a gigabyte: unasked, no more than these.
-MOST_WORKERS = 4
+MOST_WORKERS = 4  # each process takes up to half a gigabyte: unasked, no more than these
 
 
 def command(

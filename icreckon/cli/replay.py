@@ -60,7 +60,9 @@ class _Drive:
         # A stream that is missing has a note by the reader.
         checks = [check for check in check_robot(log, self.robot) if check.name != "IMU"]
         notes: list[str] = []
-        if log.truth is not None and any(one.problem and one.name == LATENCY for one in checks):
+        if log.truth is not None and any(
+            check.problem and check.name == LATENCY for check in checks
+        ):
             with progress("filtering, as the file is and corrected"), suppress(ReplayError):
                 checks, _, notes = judged(log, self.robot, checks)
         notes += [f"{OF_ROBOT_FILE}{check.problem}" for check in checks if check.problem]
@@ -130,7 +132,9 @@ def command(
     robots = dict(the_robot(name, files_of[0]) for name in wanted)
     refuse_twice(robot_names, "robot file")
     if any(
-        are_parts(paths, topic_map(one, one.name).columns) for one in robots.values() if one.log
+        are_parts(paths, topic_map(robot, robot.name).columns)
+        for robot in robots.values()
+        if robot.log
     ):
         say(f"read as one log, of which each file has a part: {', '.join(map(str, paths))}")
         files_of = [paths]
@@ -220,5 +224,5 @@ def _many(
 
 def _place(case: many.Case, drives: Mapping[many.Case, _Drive]) -> str:
     """Subfolder of a case: log, robot or log/robot, whichever of them vary."""
-    several = (len({getattr(one, kind) for one in drives}) > 1 for kind in many.Case._fields)
+    several = (len({getattr(case, kind) for case in drives}) > 1 for kind in many.Case._fields)
     return "/".join(part for part, needed in zip(case, several, strict=True) if needed)

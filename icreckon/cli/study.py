@@ -27,10 +27,8 @@ from icreckon.simulation.study.plan import Study, load_study, study_names
 from icreckon.simulation.study.results import Results
 
 FOLDER = "icreckon-study"
-# Width of a terminal from which on tables have all columns [characters].
-WIDE_FROM = 125
-# Interval of the lines of progress if there is no terminal for a bar [s].
-LINE_EVERY = 30.0
+WIDE_FROM = 125  # width of a terminal from which on tables have all columns [characters]
+LINE_EVERY = 30.0  # interval of the lines of progress if there is no terminal for a bar [s]
 
 
 def command(
@@ -169,16 +167,16 @@ def _advice(folder: Path, reporter: _Reporter) -> str:
 
 def _summary(found: Results, *, narrow: bool) -> Group:
     parts: list[Table | Text] = [Text(headline(found), style="bold")]
-    for one in summary_tables(found, narrow=narrow):
-        table = Table(title=f"{found['name']}: {one.title}", title_justify="left")
-        for number, heading in enumerate(one.head):
+    for summary in summary_tables(found, narrow=narrow):
+        table = Table(title=f"{found['name']}: {summary.title}", title_justify="left")
+        for number, heading in enumerate(summary.head):
             table.add_column(
                 Text(heading),
-                justify="left" if number < one.texts else "right",
-                no_wrap=number == one.texts - 1,
+                justify="left" if number < summary.texts else "right",
+                no_wrap=number == summary.texts - 1,
                 overflow="fold",
             )
-        for row in one.rows:
+        for row in summary.rows:
             table.add_row(*(Text(cell) for cell in row))
         parts.append(table)
     return Group(*parts, *(Text(line) for line in notes(found, narrow=narrow)))

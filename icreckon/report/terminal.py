@@ -1,6 +1,7 @@
 """Tables of pages, for the terminal."""
 
 import re
+from itertools import zip_longest
 from string import ascii_lowercase
 from typing import Any
 
@@ -19,12 +20,12 @@ def rich_table(page_table: Table, *, narrow: bool = False) -> RichTable:
     refers to the remainder below the table.
     """
     table = RichTable(title=page_table.title, title_justify="left", caption_justify="left")
-    table.add_column(page_table.head[0], no_wrap=not narrow, overflow="fold")
-    # The first row shows which columns are text: all cells of a column have one kind.
-    first_cells = page_table.rows[0][1] if page_table.rows else ()
-    for column, heading in enumerate(page_table.head[1:]):
-        is_text = column < len(first_cells) and first_cells[column].kind == "wrap"
-        justify: Any = "left" if is_text else "right"
+    name_heading, *headings = page_table.head
+    table.add_column(name_heading, no_wrap=not narrow, overflow="fold")
+    # All cells of a column are of one kind: the first row shows it.
+    kinds = [cell.kind for _, cells in page_table.rows[:1] for cell in cells]
+    for heading, kind in zip_longest(headings, kinds[: len(headings)]):
+        justify: Any = "left" if kind == "wrap" else "right"
         table.add_column(heading, justify=justify, no_wrap=narrow, overflow="fold")
     letters: dict[str, str] = {}
     for name, cells in page_table.rows:

@@ -6,12 +6,10 @@ from typing import Any, NamedTuple
 
 from icreckon.replay.live.inputs import Subscription
 
-LONGEST_QUEUE = 60.0
-"""Age beyond which a middleware's time of arrival is that of another clock [s]."""
+LONGEST_QUEUE = 60.0  # age beyond which a middleware's time of arrival is that of another clock [s]
 STALL = 1.0
 """Time without running beyond which messages may be too late to correct the estimate [s]."""
-SETTLING = 1.0
-"""Time after a stall in which the middleware brings one topic after another [s]."""
+SETTLING = 1.0  # time after a stall in which the middleware brings one topic after another [s]
 NO_TIMES: Mapping[str, Any] = {"source_timestamp": 0, "received_timestamp": 0}
 """Times of a message if rclpy gives callbacks none, as in Humble."""
 
@@ -101,7 +99,7 @@ class Inbox:
         if self.settling:
             return []
         taken, self._waiting = self._waiting, []
-        return sorted(taken, key=lambda one: one.sent)
+        return sorted(taken, key=lambda message: message.sent)
 
     def worked(self) -> None:
         """Record that the node runs, to detect stalls; call it after each message."""

@@ -69,7 +69,7 @@ def pose_of(message: Any) -> tuple[Pose, list[list[float]]]:
     if not 1e-6 < size < math.inf:
         raise EstimatorError("its orientation is no rotation: all of it is zero, or not finite")
     yaw = float(quaternion_to_yaw([q.x / size, q.y / size, q.z / size, q.w / size]))
-    entries = [float(one) for one in message.pose.covariance]
+    entries = [float(entry) for entry in message.pose.covariance]
     return (at.x, at.y, yaw), [[entries[6 * row + column] for column in PLANAR] for row in PLANAR]
 
 
@@ -91,12 +91,12 @@ def fill_diagnostics(
     """Fill a diagnostic_msgs/DiagnosticArray; `new` makes a message of a type."""
     fill_header(array.header, stamp, "")
     array.status = []
-    for one in statuses:
+    for entry in statuses:
         status = new(STATUS)
-        status.level = bytes([one.level])  # rclpy has a `byte` as bytes
-        status.name, status.message, status.hardware_id = one.name, one.message, hardware
+        status.level = bytes([entry.level])  # rclpy has a `byte` as bytes
+        status.name, status.message, status.hardware_id = entry.name, entry.message, hardware
         status.values = []
-        for key, value in one.values.items():
+        for key, value in entry.values.items():
             pair = new(KEY_VALUE)
             pair.key, pair.value = key, value
             status.values.append(pair)

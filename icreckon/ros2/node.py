@@ -34,14 +34,10 @@ from icreckon.ros2.topics import find_topic, input_qos, message_class, overridab
 
 NODE_NAME = "icreckon"
 OUTPUTS = ("odom", "pose_in_map", "/tf", "icrs", "slip", "learnt_parameters", "/diagnostics")
-DISCOVERY_PERIOD = 0.1
-"""Time between two looks for input topics that nobody published before [s]."""
-QUIET = 0.2
-"""Time without messages after which everything that is held is processed [s]."""
-SILENCE = 5.0
-"""Time after which topics without messages are warned of [s]."""
-PERIOD = 0.2
-"""Shortest time between two messages of ICR markers, or of slip [s]."""
+DISCOVERY_PERIOD = 0.1  # time between two looks for input topics that nobody published before [s]
+QUIET = 0.2  # time without messages after which everything that is held is processed [s]
+SILENCE = 5.0  # time after which topics without messages are warned of [s]
+PERIOD = 0.2  # shortest time between two messages of ICR markers, or of slip [s]
 NO_ROS = (
     "rclpy cannot be imported ({}): source your ROS 2 (as /opt/ros/jazzy/setup.bash) and use a virtual "
     "environment made with --system-site-packages, see docs/tutorials/live.md"
@@ -136,7 +132,9 @@ class OdometryNode:
         self._make_timers()
         self._check_state_file()
         started = f"warm start from {self._state_file}" if self.live.warm else "cold start"
-        topics = ", ".join(f"{one.purpose} on {one.topic}" for one in self._missing)
+        topics = ", ".join(
+            f"{subscription.purpose} on {subscription.topic}" for subscription in self._missing
+        )
         if self.live.assumed_topics:
             self._warn(
                 f"the robot file has no [log.tracks]; assuming {topics}, as simulated bags have"
@@ -157,15 +155,17 @@ class OdometryNode:
         # Declaring them all instead would refuse empty lists.
         overrides = getattr(self.node, "_parameter_overrides", {})
         self._qos = {
-            name: one.value
-            for name, one in overrides.items()
+            name: parameter.value
+            for name, parameter in overrides.items()
             if name.startswith(parameters.OF_QOS) and not self.node.has_parameter(name)
         }
         for text in parameters.unknown_parameters(
             name for name in overrides if not name.startswith(parameters.OF_QOS)
         ):
             self._warn(text)
-        defaults = {one.name: one.default for one in msgspec.structs.fields(parameters.NodeOptions)}
+        defaults = {
+            option.name: option.default for option in msgspec.structs.fields(parameters.NodeOptions)
+        }
         given = {"robot": robot, "variant": variant}
         values = {}
         for name, default in defaults.items():
@@ -182,9 +182,9 @@ class OdometryNode:
     def _check_qos(self) -> None:
         """Refuse an invalid override of a topic's QoS, and warn of one of no topic."""
         resolve = self.node.resolve_topic_name
-        topics = [f"{resolve(one.topic)}.subscription" for one in self._missing]
+        topics = [f"{resolve(subscription.topic)}.subscription" for subscription in self._missing]
         topics += [f"{resolve('initialpose')}.subscription"]
-        topics += [f"{resolve(one)}.publisher" for one in OUTPUTS]
+        topics += [f"{resolve(output)}.publisher" for output in OUTPUTS]
         for text in parameters.check_qos(self._qos, topics):
             self._warn(text)
 
@@ -208,12 +208,12 @@ class OdometryNode:
     def _check_topics(self) -> None:
         """Refuse to listen to the node's own poses."""
         outputs = (self._odometry, self._map_pose)
-        for one in self._missing:
-            topic = self.node.resolve_topic_name(one.topic)
+        for subscription in self._missing:
+            topic = self.node.resolve_topic_name(subscription.topic)
             for publisher in outputs:
                 if publisher is not None and publisher.topic_name == topic:
                     raise EstimatorError(
-                        f"topic {topic} is an input ({one.purpose}) and the node's own output: "
+                        f"topic {topic} is an input ({subscription.purpose}) and the node's own output: "
                         "give it a namespace, as --ros-args -r __ns:=/icreckon"
                     )
 
@@ -233,8 +233,8 @@ class OdometryNode:
 
     def _publisher(self, topic: str, depth: int, msgtype: str, *parts: str) -> Any:
         """Make a publisher; keep the classes of its messages for `_new`."""
-        for one in (msgtype, *parts):
-            self._classes[one] = message_class(one)
+        for name in (msgtype, *parts):
+            self._classes[name] = message_class(name)
         return self.node.create_publisher(
             self._classes[msgtype], topic, depth, qos_overriding_options=overridable()
         )
@@ -332,12 +332,16 @@ class OdometryNode:
 
     def _take_messages(self) -> None:
         """Feed the waiting messages and publish; what cannot be used is warned of."""
-        for one in self._inbox.take():
+        for received in self._inbox.take():
             self._last_message = time.monotonic()
-            arrival = one.arrival(self._now())
+            arrival = received.arrival(self._now())
             try:
                 found = self.live.take(
-                    one.subscription, one.msgtype, one.message, arrival, self._steady()
+                    received.subscription,
+                    received.msgtype,
+                    received.message,
+                    arrival,
+                    self._steady(),
                 )
             except IcreckonError as problem:
                 self._warn(str(problem))
@@ -371,21 +375,24 @@ class OdometryNode:
 
     def _publish(self, estimates: list[LiveEstimate]) -> None:
         options = self.options
-        for one in estimates:
+        for estimate in estimates:
             odometry = self._new(ros.ODOMETRY)
             planar = options.two_d_mode
-            fill_odometry(odometry, one, options.odom_frame, options.base_frame, planar=planar)
+            fill_odometry(odometry, estimate, options.odom_frame, options.base_frame, planar=planar)
             self._odometry.publish(odometry)
-            if self._tf is not None and (transforms := self._transforms(one)):
+            if self._tf is not None and (transforms := self._transforms(estimate)):
                 message = self._new(ros.TF)
                 message.transforms = transforms
                 self._tf.publish(message)
-            if self._map_pose is not None and (placed := one.in_map(planar=planar)) is not None:
+            if (
+                self._map_pose is not None
+                and (placed := estimate.in_map(planar=planar)) is not None
+            ):
                 pose = self._new(ros.POSE_WITH_COVARIANCE)
-                self._map_pose.publish(fill_pose(pose, one.stamp, options.map_frame, placed))
-            if abs(one.stamp - self._last_slow) >= PERIOD * 1e9:
-                self._last_slow = one.stamp
-                self._publish_slowly(one)
+                self._map_pose.publish(fill_pose(pose, estimate.stamp, options.map_frame, placed))
+            if abs(estimate.stamp - self._last_slow) >= PERIOD * 1e9:
+                self._last_slow = estimate.stamp
+                self._publish_slowly(estimate)
 
     def _transforms(self, estimate: LiveEstimate) -> list[Any]:
         options, planar = self.options, self.options.two_d_mode
@@ -395,7 +402,10 @@ class OdometryNode:
             wanted.append((odom, base, estimate.in_odom(planar=planar)))
         if options.publish_map_tf and (placed := estimate.odom_in_map(planar=planar)) is not None:
             wanted.append((map_frame, odom, placed))
-        return [fill_transform(self._new(ros.TRANSFORM), estimate.stamp, *one) for one in wanted]
+        return [
+            fill_transform(self._new(ros.TRANSFORM), estimate.stamp, *transform)
+            for transform in wanted
+        ]
 
     def _publish_slowly(self, estimate: LiveEstimate) -> None:
         """Publish slip and ICR markers."""
@@ -441,9 +451,9 @@ class OdometryNode:
             self._warn(text)
         if waited < SILENCE:
             return
-        for one in self._silent:
+        for subscription in self._silent:
             # A robot may have no static transforms.
-            if one.topic in inputs.heard or one.latched:
+            if subscription.topic in inputs.heard or subscription.latched:
                 continue
             own = {publisher.topic_name for publisher in self.node.publishers}
             others = {
@@ -451,8 +461,11 @@ class OdometryNode:
                 for name, types in self.node.get_topic_names_and_types()
                 if name not in own and self.node.count_publishers(name)
             }
-            topic, fitting = self.node.resolve_topic_name(one.topic), inputs.fitting_types(one)
-            self._warn(silent_topic(one.purpose, topic, fitting, others, waited))
+            topic, fitting = (
+                self.node.resolve_topic_name(subscription.topic),
+                inputs.fitting_types(subscription),
+            )
+            self._warn(silent_topic(subscription.purpose, topic, fitting, others, waited))
         self._silent.clear()
 
     # --- services ----------------------------------------------------------------------------------

@@ -109,10 +109,8 @@ DESCRIPTIONS: Mapping[str, str] = {
     "base_offset": "Base frame on the robot, [forward, left, yaw] from the tracks' centre [m, rad].",
 }
 
-OF_ROS = ("use_sim_time", "start_type_description_service")
-"""Parameters that each node has."""
-OF_QOS = "qos_overrides."
-"""Beginning of parameters that set the QoS of topics."""
+OF_ROS = ("use_sim_time", "start_type_description_service")  # parameters that each node has
+OF_QOS = "qos_overrides."  # beginning of parameters that set the QoS of topics
 QOS_POLICIES: Mapping[str, tuple[str, ...]] = {
     "history": ("keep_last", "keep_all", "system_default"),
     "depth": (),
@@ -137,7 +135,9 @@ def check_qos(given: Mapping[str, Any], endpoints: Iterable[str]) -> list[str]:
     Raises:
         EstimatorError: a value is invalid.
     """
-    policies = {f"{OF_QOS}{one}.{policy}": policy for one in endpoints for policy in QOS_POLICIES}
+    policies = {
+        f"{OF_QOS}{endpoint}.{policy}": policy for endpoint in endpoints for policy in QOS_POLICIES
+    }
     for name, value in given.items():
         policy = policies.get(name)  # None for a parameter without effect, which is reported below
         if policy == "depth" and (type(value) is not int or value < 0):  # True is an int, too
@@ -160,7 +160,9 @@ def options_from(values: Mapping[str, Any]) -> NodeOptions:
         EstimatorError: a value is invalid.
     """
     # Arrays of ROS are no sequences for msgspec.
-    plain = {name: list(one) if isinstance(one, array) else one for name, one in values.items()}
+    plain = {
+        name: list(value) if isinstance(value, array) else value for name, value in values.items()
+    }
     try:
         return msgspec.convert(plain, NodeOptions)
     except msgspec.ValidationError as problem:

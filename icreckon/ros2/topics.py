@@ -24,13 +24,17 @@ def find_topic(node: Any, subscription: Subscription) -> tuple[str, bool] | None
     if not publishers:
         return None
     supported = [
-        one for one in publishers if not subscription.types or one.topic_type in subscription.types
+        publisher
+        for publisher in publishers
+        if not subscription.types or publisher.topic_type in subscription.types
     ]
     if not supported:
-        types = sorted({one.topic_type for one in publishers})
+        types = sorted({publisher.topic_type for publisher in publishers})
         purpose, readable = subscription.purpose, subscription.types
         raise ReplayError(unreadable(subscription.topic, types, purpose, readable))
-    reliable = all(one.qos_profile.reliability == ReliabilityPolicy.RELIABLE for one in supported)
+    reliable = all(
+        publisher.qos_profile.reliability == ReliabilityPolicy.RELIABLE for publisher in supported
+    )
     return supported[0].topic_type, reliable
 
 
@@ -54,7 +58,7 @@ def overridable() -> Any:
     from rclpy.qos import QoSPolicyKind
     from rclpy.qos_overriding_options import QoSOverridingOptions
 
-    return QoSOverridingOptions([QoSPolicyKind[one.upper()] for one in QOS_POLICIES])
+    return QoSOverridingOptions([QoSPolicyKind[policy.upper()] for policy in QOS_POLICIES])
 
 
 def input_qos(

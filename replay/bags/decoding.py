@@ -17,8 +17,9 @@ from icreckon.replay.base.errors import ReplayError
 NANOSECONDS = 1_000_000_000
 Definitions = tuple[tuple[str, str], ...]
 """Definitions of message types that a bag may lack: (name, as `our_msgs/msg/Rate`, definition)."""
-IDL_RULE = "=" * 80 + "\n"
-"""Line before each type in the definition of an IDL type that contains others."""
+IDL_RULE = (
+    "=" * 80 + "\n"
+)  # line before each type in the definition of an IDL type that contains others
 LONGEST_REASON = 200  # most characters of an error of rosbags, which may hold a whole definition
 
 

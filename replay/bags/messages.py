@@ -10,14 +10,12 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.message_types import TF
 
-UNUSED_VARIANCE = 1e6
-"""Variance of axes that are not estimated: finite, so that other programs can invert the matrix."""
+UNUSED_VARIANCE = 1e6  # variance of axes that are not estimated; programs invert the matrix
 
 ODOM, BASE_LINK, IMU_LINK = "odom", "base_link", "imu_link"
 PLANAR = (0, 1, 5)  # rows of x, y and yaw in a 6x6 covariance of ROS: x, y, z, roll, pitch, yaw
 PLANAR_BLOCK = np.ix_(PLANAR, PLANAR)  # index of the 3x3 block of x, y and yaw in a 6x6 covariance
-NOT_ESTIMATED = np.diag(np.full(6, UNUSED_VARIANCE))
-"""6x6 covariance of a pose of which nothing is estimated."""
+NOT_ESTIMATED = np.diag(np.full(6, UNUSED_VARIANCE))  # 6x6 covariance without estimates
 ICR_MARKERS = ((7, 0.08), (4, 0.015))
 """Marker types and sizes [m] of the ICRs: SPHERE_LIST of both, LINE_STRIP between them."""
 

@@ -22,8 +22,7 @@ class Record(NamedTuple):
     data: bytes  # the message, in the channel's encoding
 
 
-LATEST = 2**62
-"""Times of recording from here on are damage: differences of them overflow int64 nanoseconds."""
+LATEST = 2**62  # later times of recording are damage: their differences overflow int64 [ns]
 
 
 def ros2_type_name(name: str) -> str:

@@ -17,8 +17,7 @@ CSV_SUFFIXES = (".csv", ".tsv", ".tum", *PACKED_CSV_SUFFIXES)
 TABLE_SUFFIXES = (*CSV_SUFFIXES, ".parquet")
 """Endings of tables; a file with another name may be one, too, see `is_table`."""
 DELIMITERS = "\t;,"
-FIRST_BYTES = 1 << 20
-"""Bytes of a CSV file in which its first line must end, and that show its decimal point."""
+FIRST_BYTES = 1 << 20  # bytes of a CSV file that must hold its first line and a decimal point
 FRACTION = re.compile(r"[+-]?\d*([.,])\d+(?:[eE][+-]?\d+)?")
 """Number with a fraction; in many countries 0,25."""
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")

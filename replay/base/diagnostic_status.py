@@ -8,10 +8,8 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 
-OK, WARN, ERROR, STALE = 0, 1, 2, 3
-"""Levels, as diagnostic_msgs numbers them."""
-LARGE_NIS = 4.0
-"""Mean NIS per degree of freedom from which a sensor is reported as `WARN`."""
+OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels, as diagnostic_msgs numbers them
+LARGE_NIS = 4.0  # mean NIS per degree of freedom from which a sensor is reported as `WARN`
 
 
 class DiagnosticStatus(NamedTuple):

@@ -24,10 +24,8 @@ def os_errors(path: Path, what: str) -> Iterator[None]:
         raise ReplayError(f"{path}: {what}: {problem.strerror or problem}") from None
 
 
-OF_STAMPS = "stamps: "
-"""First words of the notes on stamps so coarse that they come before all else."""
-OF_ROBOT_FILE = "robot file: "
-"""First words of the notes on a log that contradict the robot file."""
+OF_STAMPS = "stamps: "  # first words of the notes on coarse stamps, which come before all else
+OF_ROBOT_FILE = "robot file: "  # first words of the notes on a log that contradict the robot file
 
 
 def coarse_stamps(notes: Iterable[str]) -> list[str]:

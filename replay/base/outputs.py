@@ -16,10 +16,8 @@ from icreckon.replay.base.errors import ReplayError, os_errors
 MANIFEST = ".icreckon-files"
 # Suffixes of files next to the new output in its temporary folder: the lock, and what it replaces.
 OWNER, REPLACED = ".owner", ".replaced"
-# Length of the ends of a file that are searched for a mark [bytes].
-MARKED = 2**20
-# Errors of a file system that takes no more.
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+MARKED = 2**20  # length of the ends of a file that are searched for a mark [bytes]
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)  # errors of a full file system
 
 
 @contextmanager

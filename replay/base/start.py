@@ -8,16 +8,11 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import rotate
 
-CLEAR = 4.0
-"""Standard deviations beyond which a fix and the assumed start contradict each other [-]."""
-SOON = 5.0
-"""Longest time between the start and a heading that is used for the initial yaw [s]."""
-ANY_HEADING = 3.0
-"""Standard deviation of an unknown yaw [rad]."""
-KNOWN_HEADING = 0.3
-"""Largest standard deviation at which a yaw from the path is used [rad]."""
-DRIFT = 0.05
-"""Error of dead reckoning over a short path: share of its length, and its direction [-, rad]."""
+CLEAR = 4.0  # standard deviations beyond which a fix contradicts the assumed start [-]
+SOON = 5.0  # longest time between the start and a heading that is used for the initial yaw [s]
+ANY_HEADING = 3.0  # standard deviation of an unknown yaw [rad]
+KNOWN_HEADING = 0.3  # largest standard deviation at which a yaw from the path is used [rad]
+DRIFT = 0.05  # error of dead reckoning over a short path: share of its length, and its direction [-, rad]
 
 
 class Start(NamedTuple):
@@ -26,27 +21,34 @@ class Start(NamedTuple):
     pose: tuple[float, float, float]
     sigma: tuple[float, float, float]
 
+    @property
+    def yaw_sigma(self) -> float:
+        """Standard deviation of the yaw [rad]."""
+        return self.sigma[2]
 
-def laid_over(path: Floats, places: Floats, sigma: float) -> Start | None:
+
+def align_path(path: Floats, fixes: Floats, sigma: float) -> Start | None:
     """Fit a path rigidly to fixes; None if its yaw is not observable.
 
     Args:
         path: (n, 2) positions by dead reckoning at the stamps of the fixes [m].
-        places: (n, 2) the fixes [m].
+        fixes: (n, 2) positions of the fixes [m].
         sigma: their standard deviation [m].
 
     Returns:
         Pose of the path's frame in that of the fixes.
     """
-    middle, centre = path.mean(axis=0), places.mean(axis=0)
-    a, b = path - middle, places - centre
-    extent = math.sqrt(float((a**2).sum()))
+    path_centre, fix_centre = path.mean(axis=0), fixes.mean(axis=0)
+    path_offsets, fix_offsets = path - path_centre, fixes - fix_centre
+    extent = math.sqrt(float((path_offsets**2).sum()))
     if extent == 0.0:
         return None
-    yaw = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
+    (path_x, path_y), (fix_x, fix_y) = path_offsets.T, fix_offsets.T
+    dot = float((path_offsets * fix_offsets).sum())
+    yaw = math.atan2(float((path_x * fix_y - path_y * fix_x).sum()), dot)
     yaw_sigma = sigma / extent + DRIFT
     if yaw_sigma > KNOWN_HEADING:
         return None
-    x, y = (centre - rotate(middle, yaw)).tolist()
-    wide = sigma + yaw_sigma * float(np.hypot(*middle))
-    return Start((x, y, yaw), (wide, wide, yaw_sigma))
+    x, y = (fix_centre - rotate(path_centre, yaw)).tolist()
+    position_sigma = sigma + yaw_sigma * float(np.hypot(*path_centre))
+    return Start((x, y, yaw), (position_sigma, position_sigma, yaw_sigma))

@@ -27,11 +27,13 @@ UNITS: dict[str, tuple[str, str]] = {
 PURE_NUMBER = ("", "-")
 
 
-def column(name: str, *more: str) -> str:
-    """Column of a state: name, qualifiers and unit, as "zeta0_sigma_m"."""
-    return "_".join(part for part in (name, *more, UNITS.get(name, PURE_NUMBER)[0]) if part)
+def column_name(name: str, *qualifiers: str) -> str:
+    """Name of a state's column: state, qualifiers and unit, as "zeta0_sigma_m"."""
+    suffix, _ = UNITS.get(name, PURE_NUMBER)
+    return "_".join(part for part in (name, *qualifiers, suffix) if part)
 
 
 def unit(name: str) -> str:
     """Unit of a state on an axis, "-" if dimensionless."""
-    return UNITS.get(name, PURE_NUMBER)[1]
+    _, on_axis = UNITS.get(name, PURE_NUMBER)
+    return on_axis

@@ -10,8 +10,7 @@ from icreckon.estimator.calibration.result import FoundParameter
 from icreckon.estimator.robot.robot_toml import robot_toml
 
 FIRST_WORDS = "# Calibrated by icreckon"
-LARGEST_CHANGE = 0.01
-"""Largest difference of a written value that is the estimate's, in standard errors."""
+LARGEST_CHANGE = 0.01  # largest rounding of a written estimate, in standard errors [-]
 SIGMA_COMMENTS = {
     "gyro_scale_sigma": "standard error, and how much logs differ",
     "gyro_bias_sigma": "of the bias of another log; the previous value counts as one more log",

@@ -173,9 +173,9 @@ def measured_scale(log: Log, robot: Robot, *, with_bends: bool = False) -> Estim
         return None
     vertical, _ = in_base(log.imu, robot)
     wheels = wheel_estimates(log, vertical, None, LARGEST_TURNING if with_bends else STRAIGHT)
-    if wheels.way_ratio is None:
+    if wheels.distance_ratio is None:
         return None
-    return Estimate(wheels.way_ratio, wheels.way_sigma, wheels.way_source)
+    return Estimate(wheels.distance_ratio, wheels.distance_sigma, wheels.distance_source)
 
 
 def true_motion(log: Log, truth: Truth, window: float) -> tuple[Stamps, Floats] | None:

@@ -39,9 +39,9 @@ class TwistErrors(NamedTuple):
     """Root mean square errors of wheel odometry while it drives."""
 
     forward: float  # of v_x [m/s]
-    forward_by: str  # reference of v_x, empty for none
+    forward_reference: str  # reference of v_x, empty for none
     turning: float  # of w [rad/s]
-    turning_by: str  # reference of w, empty for none
+    turning_reference: str  # reference of w, empty for none
 
 
 def ros_settings(
@@ -105,18 +105,19 @@ def proposed_ros_settings(
 
 def twist_errors(logs: Sequence[Log], robot: Robot) -> TwistErrors:
     """Estimate errors of wheel odometry with the effective track of a robot."""
-    # Without a gyro or a truth they are usual shares of the speeds.
+    # Without a gyro or a truth the errors are usual shares of the speeds.
     speeds = np.concatenate([log.tracks.speeds for log in logs] + [np.zeros((1, 2))])
     rates = (speeds[:, 1] - speeds[:, 0]) / check.effective_track(robot)
     forward = SHARE_FORWARD * float(np.sqrt(np.mean(speeds**2, axis=0)).mean())
-    turning, forward_by, turning_by = SHARE_TURNING * float(np.sqrt(np.mean(rates**2))), "", ""
+    turning = SHARE_TURNING * float(np.sqrt(np.mean(rates**2)))
+    forward_reference = turning_reference = ""
     turning_errors = np.concatenate([_turning_errors(log, robot) for log in logs])
     if len(turning_errors):
-        turning, turning_by = float(np.sqrt(np.mean(turning_errors**2))), "against the gyro"
+        turning, turning_reference = float(np.sqrt(np.mean(turning_errors**2))), "against the gyro"
     forward_errors = np.concatenate([_forward_errors(log, robot) for log in logs])
     if len(forward_errors):
-        forward, forward_by = float(np.sqrt(np.mean(forward_errors**2))), "against the truth"
-    return TwistErrors(forward, forward_by, turning, turning_by)
+        forward, forward_reference = float(np.sqrt(np.mean(forward_errors**2))), "against the truth"
+    return TwistErrors(forward, forward_reference, turning, turning_reference)
 
 
 def _turning_errors(log: Log, robot: Robot) -> Floats:
@@ -161,9 +162,9 @@ def _forward_errors(log: Log, robot: Robot) -> Floats:
 
 def _controller_lines(logs: Sequence[Log], robot: Robot, source: str, proposed: bool) -> list[str]:
     """Parameters of the controller, and the latency of its speeds."""
-    errors, difference = twist_errors(logs, robot), robot.tracks.difference
-    # v_x, v_y, v_z and the rates about x, y, z.
-    twist = [errors.forward**2, *[UNMEASURED] * 4, errors.turning**2]
+    errors, radius_difference = twist_errors(logs, robot), robot.tracks.difference
+    # Variances of v_x, v_y, v_z and the rates about x, y, z.
+    variances = [errors.forward**2, *[UNMEASURED] * 4, errors.turning**2]
     by_default = "by default, with nothing to compare with"
     lines = [
         "# ros2_controllers, diff_drive_controller: merge into its parameters.",
@@ -171,11 +172,11 @@ def _controller_lines(logs: Sequence[Log], robot: Robot, source: str, proposed: 
         "  ros__parameters:",
         *(_proposed_separation(logs, robot) if proposed else _separation(logs, robot, source)),
         *_radius_lines(logs, robot),
-        f"    left_wheel_radius_multiplier: {1.0 - 0.5 * difference:.4f}",
-        f"    right_wheel_radius_multiplier: {1.0 + 0.5 * difference:.4f}",
-        f"    # v_x: {errors.forward:.2g} m/s {errors.forward_by or by_default}; "
-        f"w: {errors.turning:.2g} rad/s {errors.turning_by or by_default}",
-        f"    twist_covariance_diagonal: {_numbers(twist)}",
+        f"    left_wheel_radius_multiplier: {1.0 - 0.5 * radius_difference:.4f}",
+        f"    right_wheel_radius_multiplier: {1.0 + 0.5 * radius_difference:.4f}",
+        f"    # v_x: {errors.forward:.2g} m/s {errors.forward_reference or by_default}; "
+        f"w: {errors.turning:.2g} rad/s {errors.turning_reference or by_default}",
+        f"    twist_covariance_diagonal: {_numbers(variances)}",
         "# robot_localization: fuse v_x and v_yaw of this odometry (not its pose) and v_yaw of the IMU.",
     ]
     latency = robot.log.get("tracks", {}).get("latency", 0.0)

@@ -51,11 +51,8 @@ LEAST_SCALE, LEAST_IN_BENDS = 0.03, 0.1
 # explain [-], and latency that is usual [s]: robots turn up to 0.06 s later than their tracks.
 OTHER_TRACK = 1.4
 LEAST_LATENCY = 0.07
-# Least error of the scale by the accelerometer that is reported [-]: suspensions squat.
-SCALE_BY_FORCE = 0.35
-AGREEING = (
-    1.2  # factor between the regressions of force on tracks, and of tracks on force, that agree
-)
+SCALE_BY_FORCE = 0.35  # least reported scale error by accelerometer [-]: suspensions squat
+AGREEING = 1.2  # factor between regressions of force on tracks and tracks on force that agree
 SIDES, RATIO = FAILED = "sides", "ratio of the sides"  # checks of a side that fails
 # Usual errors of a scale, as true over assumed.
 RADIUS_ERRORS = (
@@ -160,8 +157,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         in_log += "" if correlation is None else ": unclear"
         yield _unclear_turning(log, log.imu, robot, replace(check, in_log=in_log), vertical)
         return
-    difference = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
-    spread = float(difference.std()) / effective_track(robot)
+    spread = float(log.tracks.difference.std()) / effective_track(robot)
     ratio = float(vertical.std()) / spread if spread else 0.0
     lowest, highest = DEGREES
     if lowest < ratio < highest:

@@ -35,8 +35,7 @@ class Worth:
     # drift that each contradiction alone adds to that [% of distance], in the order of the checks;
     # NaN if it cannot be corrected, or the filter has no result with it
     costs: tuple[float, ...]
-    # manoeuvres that would show what this log does not, see `missing_manoeuvres`
-    missing: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()  # manoeuvres that the log lacks, see `missing_manoeuvres`
 
 
 def worth_of(

@@ -51,8 +51,7 @@ class PairedDrift:
     errors: Floats  # (v, n) position errors [m]
     distances: Floats  # (n,) length of the true path [m]
     block: int  # (segments) length of a block
-    # numbers of segments of each log, in their order; empty for one log
-    counts: tuple[int, ...] = ()
+    counts: tuple[int, ...] = ()  # segments of each log, in their order; empty for one log
 
     @property
     def blocks(self) -> float:
@@ -71,7 +70,8 @@ class PairedDrift:
 
     def ratio(self, name: str, other: str) -> Estimate:
         """Error of a variant over that of another, paired; NaN without a segment."""
-        return self._ratio(*(self.errors[self.names.index(one)] for one in (name, other)))
+        numerators, denominators = (self.errors[self.names.index(key)] for key in (name, other))
+        return self._ratio(numerators, denominators)
 
     def _ratio(self, numerators: Floats, denominators: Floats) -> Estimate:
         if not len(numerators) or denominators.sum() <= 0.0:
@@ -118,18 +118,19 @@ def paired_drift(drifts: Mapping[str, Drift]) -> PairedDrift:
         raise ValueError("there is no drift to pair")
     moving = [drift.starts[drift.moved] for drift in drifts.values()]
     common = reduce(np.intersect1d, moving)
-    rows = [np.searchsorted(drift.starts, common) for drift in drifts.values()]
-    errors = [drift.position_errors[own] for drift, own in zip(drifts.values(), rows, strict=True)]
+    errors = [
+        drift.position_errors[np.searchsorted(drift.starts, common)] for drift in drifts.values()
+    ]
     # The segments of all variants are those of the first.
     first = next(iter(drifts.values()))
-    duration = first.horizon
+    rows, duration = np.searchsorted(first.starts, common), first.horizon
     if first.unit == "m":
-        duration = float(first.durations[rows[0]].mean()) if len(common) else 1.0
+        duration = float(first.durations[rows].mean()) if len(common) else 1.0
     step = float(np.median(np.diff(common))) * NANOSECOND if len(common) > 1 else 1.0
     # Length of a segment and of a block, in segments that start one step apart.
     length = max(1.0, duration / step)
     block = min(BLOCK_SEGMENTS * length, max(length, len(common) / WANTED_BLOCKS))
-    distances = first.distances[rows[0]]
+    distances = first.distances[rows]
     return PairedDrift(tuple(drifts), np.array(errors), distances, max(1, math.ceil(block)))
 
 
@@ -137,43 +138,43 @@ def pooled_drift(logs: Sequence[PairedDrift]) -> PairedDrift:
     """Join the drifts of several logs, for the variants that all of them have."""
     if not logs:
         raise ValueError("there is no log to pool")
-    names = tuple(name for name in logs[0].names if all(name in one.names for one in logs))
-    rows = [one.errors[[one.names.index(name) for name in names]] for one in logs]
+    names = tuple(name for name in logs[0].names if all(name in log.names for log in logs))
+    errors = [log.errors[[log.names.index(name) for name in names]] for log in logs]
     return PairedDrift(
         names,
-        np.concatenate(rows, axis=1),
-        np.concatenate([one.distances for one in logs]),
+        np.concatenate(errors, axis=1),
+        np.concatenate([log.distances for log in logs]),
         _usual_block(logs),
-        tuple(len(one.distances) for one in logs),
+        tuple(len(log.distances) for log in logs),
     )
 
 
 def _usual_block(logs: Sequence[PairedDrift]) -> int:
     """Median length of a block over all segments: no short odd log changes it."""
-    lengths = np.array([one.block for one in logs])
-    counts = np.array([len(one.distances) for one in logs])
+    lengths = np.array([log.block for log in logs])
+    counts = np.array([len(log.distances) for log in logs])
     order = np.argsort(lengths)
-    before = np.cumsum(counts[order])
-    return int(lengths[order][np.searchsorted(before, 0.5 * before[-1])])
+    segments = np.cumsum(counts[order])
+    return int(lengths[order][np.searchsorted(segments, 0.5 * segments[-1])])
 
 
-def matched_drifts(one: Drift, other: Drift, *, later: float = 0.0) -> tuple[Drift, Drift]:
+def matched_drifts(first: Drift, other: Drift, *, later: float = 0.0) -> tuple[Drift, Drift]:
     """Keep the segments of two drifts that start at the same time of one log.
 
     Two runs may remove different lags of the truth: `later` is the time by which a pose is stamped later
-    in `other` than in `one` [s]. Both drifts get the stamps of the first.
+    in `other` than in `first` [s]. Both drifts get the stamps of the first.
     """
-    if not len(one.starts) or not len(other.starts):
+    if not len(first.starts) or not len(other.starts):
         nothing = np.zeros(0, dtype=np.int64)
-        return _select(one, nothing, nothing), _select(other, nothing, nothing)
+        return _select(first, nothing, nothing), _select(other, nothing, nothing)
     starts = other.starts - round(later / NANOSECOND)
-    after = np.minimum(np.searchsorted(starts, one.starts), len(starts) - 1)
+    after = np.minimum(np.searchsorted(starts, first.starts), len(starts) - 1)
     before = np.maximum(after - 1, 0)
-    closer = abs(starts[before] - one.starts) <= abs(starts[after] - one.starts)
+    closer = abs(starts[before] - first.starts) <= abs(starts[after] - first.starts)
     nearest = np.where(closer, before, after)
-    same = abs(starts[nearest] - one.starts) < 0.5 * SEGMENT_STEP / NANOSECOND
-    stamps = one.starts[same]
-    return _select(one, np.flatnonzero(same), stamps), _select(other, nearest[same], stamps)
+    same = abs(starts[nearest] - first.starts) < 0.5 * SEGMENT_STEP / NANOSECOND
+    stamps = first.starts[same]
+    return _select(first, np.flatnonzero(same), stamps), _select(other, nearest[same], stamps)
 
 
 def _select(drift: Drift, rows: NDArray[np.int64], stamps: NDArray[np.int64]) -> Drift:

@@ -46,14 +46,12 @@ from icreckon.replay.comparison.known_bias import GYRO, KnownBias, known_bias
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_truth, own_alignment
 
 DEFAULT_VARIANTS = tuple(VARIANTS)
-# Variant against which the lag and the lever arm of a truth are estimated.
-ALIGNMENT_VARIANT = "constant-online"
+ALIGNMENT_VARIANT = "constant-online"  # variant that lag and lever arm are estimated by
 POLL_SECONDS = 0.2
 # Measurements of all variants together from which processes pay off, if the kernels are compiled: one
 # process runs through these in the time in which two start.
 MANY_MEASUREMENTS = 700_000
-# Time of filtering and smoothing over that of filtering alone.
-SMOOTHING_COST = 3
+SMOOTHING_COST = 3  # time of filtering and smoothing over that of filtering alone
 
 Progress = Callable[[float], None]
 # Run of a variant, with the smoothed one if requested; instead of a run, the failure.

@@ -65,22 +65,22 @@ def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
     names = [name for name in paired.names if not name.endswith(SMOOTHED)]
     percents = {name: paired.percent(name) for name in names}
     best = min(names, key=lambda name: percents[name].value)
-    others = {name: paired.ratio(name, best) for name in names if name != best}
-    # Lower end of the ratio to the best: above 1 the variant is worse.
-    lows = {name: one.interval[0] if one.interval else 0.0 for name, one in others.items()}
-    ratio = paired.ratio(best, baseline)
+    ratios = {name: paired.ratio(name, best) for name in names if name != best}
+    # A variant is worse if the lower end of its ratio to the best is above 1.
+    lows = {name: ratio.interval[0] if ratio.interval else 0.0 for name, ratio in ratios.items()}
+    baseline_ratio = paired.ratio(best, baseline)
     return {
         "horizon": label,
         "best": best,
         "drift_percent": percents[best].value,
         "drift_percent_95": listed(percents[best]),
         "baseline": baseline,
-        "ratio": ratio.value,
-        "ratio_95": listed(ratio),
+        "ratio": baseline_ratio.value,
+        "ratio_95": listed(baseline_ratio),
         "segments": len(paired.distances),
         "blocks": paired.blocks,
-        "ratios_to_best": {name: one.value for name, one in others.items()},
-        "ratios_to_best_95": {name: listed(one) for name, one in others.items()},
+        "ratios_to_best": {name: ratio.value for name, ratio in ratios.items()},
+        "ratios_to_best_95": {name: listed(ratio) for name, ratio in ratios.items()},
         "not_shown_worse": [name for name, low in lows.items() if low <= 1.0],
     }
 

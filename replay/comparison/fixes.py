@@ -12,13 +12,10 @@ from icreckon.estimator.log.scores import without_fixes
 from icreckon.estimator.log.series import FixSeries, PoseSeries, Truth
 from icreckon.replay.base.errors import ReplayError
 
-# Source of a truth that is the fixes of a log, of which not all are used.
-OF_FIXES = "fixes that were not used"
-# Fixes from a truth: period [s], and their standard deviations [m, rad].
-TRUTH_FIX_PERIOD = 1.0
-TRUTH_FIX_SIGMA = (0.05, 0.02)
-# Shortest gap between fixes that is scored as dead reckoning [s].
-SCORED_OUTAGE = 15.0
+OF_FIXES = "fixes that were not used"  # source of a truth made of unused fixes
+TRUTH_FIX_PERIOD = 1.0  # period of fixes from a truth [s]
+TRUTH_FIX_SIGMA = (0.05, 0.02)  # their standard deviations [m, rad]
+SCORED_OUTAGE = 15.0  # shortest gap between fixes that is scored as dead reckoning [s]
 
 
 class Bound(NamedTuple):

@@ -8,8 +8,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import Interval
 
-HOLE = 1.0
-"""Shortest gap without track speeds or IMU samples that is a hole [s]."""
+HOLE = 1.0  # shortest gap without track speeds or IMU samples that is a hole [s]
 
 
 def holes_of(log: Log) -> list[Interval]:
@@ -21,7 +20,8 @@ def holes_of(log: Log) -> list[Interval]:
     merged: list[Interval] = []
     for begin, end in sorted(gaps):
         if merged and begin <= merged[-1][1]:
-            begin, end = merged[-1][0], max(end, merged.pop()[1])
+            last_begin, last_end = merged.pop()
+            begin, end = last_begin, max(end, last_end)
         merged.append((begin, end))
     return merged
 

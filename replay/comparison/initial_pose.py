@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from msgspec.structs import replace as replace_setting
 
-from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import rotate, wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
@@ -14,14 +14,11 @@ from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import FixWander, Settings, wander_of
 from icreckon.estimator.streaming.run import run
-from icreckon.replay.base.start import ANY_HEADING, CLEAR, SOON, Start, laid_over
+from icreckon.replay.base.start import ANY_HEADING, CLEAR, SOON, Start, align_path
 
-BEGINNING = 20.0
-"""Track distance over which fixes and dead reckoning are compared [m]; longer for rough fixes."""
-SIGMAS = 20.0
-"""Least length of that distance in standard deviations of a fix [-]."""
-TURN_SIGMA = 0.5
-"""Standard deviation of the yaw rate between the start and the first heading [rad/s]."""
+BEGINNING = 20.0  # least track distance over which fixes and dead reckoning are compared [m]
+SIGMAS = 20.0  # least length of that distance in standard deviations of a fix [-]
+TURN_SIGMA = 0.5  # standard deviation of the yaw rate before the first heading [rad/s]
 
 EXACT_ORIGIN = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
@@ -52,38 +49,49 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     reckoned = poses[:, :2] + rotate(fixes.lever_arms[used], poses[:, 2])
     measured = fixes.poses[used, :2]
     sigma = wander.at_start(white_sigma)
-    # The wander is common to all fixes: the mean over them does not reduce it.
-    fix_sigma = math.hypot(white_sigma, math.sqrt(len(measured)) * wander.sigma)
-    start = laid_over(reckoned, measured, fix_sigma)
-    # An error of the yaw moves the start by its distance from the fixes.
-    if start is not None and wander.sigma:
-        place_sigma = sigma + start.sigma[2] * float(np.hypot(*reckoned.mean(axis=0)))
-        start = start._replace(sigma=(place_sigma, place_sigma, start.sigma[2]))
+    start = _start_by_path(reckoned, measured, white_sigma, wander)
     heading = _first_heading(log)
-    if heading is not None and (start is None or heading[1] < start.sigma[2]):
+    if heading is not None:
         yaw, yaw_sigma = heading
-        x, y = (measured[0] - rotate(reckoned[0], yaw)).tolist()
-        place_sigma = sigma + yaw_sigma * float(np.hypot(*reckoned[0]))
-        start = Start((x, y, yaw), (place_sigma, place_sigma, yaw_sigma))
+        if start is None or yaw_sigma < start.yaw_sigma:
+            x, y = (measured[0] - rotate(reckoned[0], yaw)).tolist()
+            position_sigma = sigma + yaw_sigma * float(np.hypot(*reckoned[0]))
+            start = Start((x, y, yaw), (position_sigma, position_sigma, yaw_sigma))
     if start is None:
-        place_sigma = sigma + float(np.hypot(*reckoned[0]))
+        position_sigma = sigma + float(np.hypot(*reckoned[0]))
         x, y = measured[0].tolist()
-        if not wander.sigma and math.hypot(x, y) <= CLEAR * place_sigma:
+        if not wander.sigma and math.hypot(x, y) <= CLEAR * position_sigma:
             return EXACT_ORIGIN
-        return Start((x, y, 0.0), (place_sigma, place_sigma, ANY_HEADING))
+        return Start((x, y, 0.0), (position_sigma, position_sigma, ANY_HEADING))
     if wander.sigma:
         # Fixes that wander are of a map, not of odom.
         return start
-    sigmas_off = np.abs(start.pose) / np.array(start.sigma)
-    return EXACT_ORIGIN if (sigmas_off <= CLEAR).all() else start
+    agrees_with_origin = (np.abs(start.pose) / np.array(start.sigma) <= CLEAR).all()
+    return EXACT_ORIGIN if agrees_with_origin else start
+
+
+def _start_by_path(
+    reckoned: Floats, measured: Floats, white_sigma: float, wander: FixWander
+) -> Start | None:
+    """Start by the path (n, 2) aligned with fixes (n, 2) [m]; None without its yaw."""
+    # The wander is common to all fixes: the mean over them does not reduce it.
+    fix_sigma = math.hypot(white_sigma, math.sqrt(len(measured)) * wander.sigma)
+    start = align_path(reckoned, measured, fix_sigma)
+    if start is None or not wander.sigma:
+        return start
+    # An error of the yaw moves the start by its distance from the fixes.
+    distance = float(np.hypot(*reckoned.mean(axis=0)))
+    position_sigma = wander.at_start(white_sigma) + start.yaw_sigma * distance
+    return start._replace(sigma=(position_sigma, position_sigma, start.yaw_sigma))
 
 
 def _stamp_after(log: Log, distance: float) -> int:
     """Stamp [ns] at a track distance [m] after the first fix, or the last stamp."""
     stamps, speed = log.tracks.stamps, np.abs(log.tracks.speeds.mean(axis=1))
-    gone = np.concatenate([[0.0], np.cumsum(speed[1:] * np.diff(stamps) * NANOSECOND)])
-    before = 0.0 if log.fixes is None else float(np.interp(log.fixes.stamps[0], stamps, gone))
-    return int(stamps[min(int(np.searchsorted(gone, before + distance)), len(stamps) - 1)])
+    driven = np.concatenate([[0.0], np.cumsum(speed[1:] * np.diff(stamps) * NANOSECOND)])
+    at_fix = 0.0 if log.fixes is None else float(np.interp(log.fixes.stamps[0], stamps, driven))
+    row = int(np.searchsorted(driven, at_fix + distance))
+    return int(stamps[min(row, len(stamps) - 1)])
 
 
 def _beginning(log: Log, until: int) -> Log:

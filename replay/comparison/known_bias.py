@@ -17,12 +17,9 @@ from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.inspection.gyro_bias import bias_while_driving
 
 GYRO = "gyro"
-UNLEARNT = 0.5
-"""Share of its initial standard deviation from which a bias is not learnt."""
-LEAST_SHARE = 0.1
-"""Least share of the scored time without a learnt bias that matters."""
-LARGEST = 1.0
-"""A robot file has no larger bias [rad/s]: the gyro's unit is wrong, not its bias."""
+UNLEARNT = 0.5  # share of its initial standard deviation from which a bias is not learnt
+LEAST_SHARE = 0.1  # least share of the scored time without a learnt bias that matters
+LARGEST = 1.0  # a robot file has no larger bias [rad/s]: the gyro's unit is wrong, not its bias
 
 
 @dataclass(frozen=True)

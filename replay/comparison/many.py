@@ -30,8 +30,7 @@ from icreckon.replay.comparison.results import (
 )
 from icreckon.replay.reading.read_log import read_log
 
-# Longest time between the end of a log and the start of another that may be one recording [s].
-NEXT_PART = 5.0
+NEXT_PART = 5.0  # longest time between the end and the start of parts of one recording [s]
 NO_RATIO = bootstrap.Estimate(math.nan, None)
 # Drift of the variants of a log, over the same segments, by the label of the horizon.
 LogDrifts = Mapping[str, PairedDrift]
@@ -90,14 +89,14 @@ def compare_many(
     named = {robots.name: robots} if isinstance(robots, Robot) else dict(robots)
     if not logs or not named:
         raise ReplayError("no log or no robot: give at least one of each")
-    labels = unique([one.name if isinstance(one, Log) else label_of(Path(one)) for one in logs])
+    labels = unique([log.name if isinstance(log, Log) else label_of(Path(log)) for log in logs])
     scored: list[CaseScores] = []
     failed: list[Results] = []
-    for label, one in zip(labels, logs, strict=True):
+    for label, given in zip(labels, logs, strict=True):
         for name, robot in named.items():
             case = Case(label, name)
             try:
-                log = one if isinstance(one, Log) else read_log(one, robot)
+                log = given if isinstance(given, Log) else read_log(given, robot)
                 comparison = compare(
                     log,
                     robot,
@@ -129,7 +128,7 @@ def label_of(path: Path) -> str:
 def unique(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
     """Append numbers to labels that repeat or are taken, in any case of letters."""
     found: list[str] = []
-    used = {one.casefold() for one in taken}
+    used = {label.casefold() for label in taken}
     for label in labels:
         name, number = label, 1
         while name.casefold() in used:
@@ -172,25 +171,25 @@ def summarise_many(
         ReplayError: no log has results.
     """
     if not scored:
-        reasons = "; ".join(f"{one['log']}: {one['reason']}" for one in failed)
+        reasons = "; ".join(f"{failure['log']}: {failure['reason']}" for failure in failed)
         raise ReplayError(f"no log has a result: {reasons}")
-    robots = list(dict.fromkeys(one.case.robot for one in scored))
-    names = dict.fromkeys(name for one in scored for name in one.results["variants"])
+    robots = list(dict.fromkeys(scores.case.robot for scores in scored))
+    names = dict.fromkeys(name for scores in scored for name in scores.results["variants"])
     baseline = drift_table.baseline_of([name for name in names if not name.endswith(SMOOTHED)])
     found: Results = {
         "format": FORMAT,
         "command": command,
         "configuration": configuration,
         "versions": versions(),
-        "inputs": {name: hash_ for one in scored for name, hash_ in one.results["inputs"].items()},
-        "robots": {one.case.robot: one.results["robot"] for one in scored},
+        "inputs": dict(item for scores in scored for item in scores.results["inputs"].items()),
+        "robots": {scores.case.robot: scores.results["robot"] for scores in scored},
         "horizons": list(drift_table.horizon_labels()),
         "baseline_variant": baseline,
-        "logs": [_log_row(one) for one in scored],
+        "logs": [_log_row(scores) for scores in scored],
         "failed": list(failed),
         "notes": list(_consecutive(scored)),
         "pooled": {
-            robot: _pooled([one for one in scored if one.case.robot == robot], baseline)
+            robot: _pooled([scores for scores in scored if scores.case.robot == robot], baseline)
             for robot in robots
         },
         "ratios": _ratios(scored, robots),
@@ -209,9 +208,9 @@ def _log_row(scored: CaseScores) -> Results:
 def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:
     """Note logs that begin where another ends: parts of one recording."""
     spans = {}
-    for one in scored:
-        log = one.results["log"]
-        spans[one.case.log] = (log["start_ns"], log["start_ns"] + log["duration_s"] / NANOSECOND)
+    for scores in scored:
+        log = scores.results["log"]
+        spans[scores.case.log] = (log["start_ns"], log["start_ns"] + log["duration_s"] / NANOSECOND)
     by_start = sorted(spans.items(), key=lambda item: item[1])
     for (earlier, (_, end)), (later, (start, _)) in pairwise(by_start):
         pause = (start - end) * NANOSECOND
@@ -229,12 +228,14 @@ def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:
 def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
     """Scores of a robot file over all logs with a truth, and the verdict."""
     # A log without a stretch of dead reckoning has nothing to pool.
-    pairs = [(one, drift_table.paired_drifts(one.drifts)) for one in scored]
+    pairs = [(case, drift_table.paired_drifts(case.drifts)) for case in scored]
     pairs = [
-        (one, paired) for one, paired in pairs if any(len(p.distances) for p in paired.values())
+        (case, drifts)
+        for case, drifts in pairs
+        if any(len(drift.distances) for drift in drifts.values())
     ]
-    logs = [paired for _, paired in pairs]
-    names = list(dict.fromkeys(name for one in scored for name in one.results["variants"]))
+    logs = [drifts for _, drifts in pairs]
+    names = list(dict.fromkeys(name for case in scored for name in case.results["variants"]))
     variants: dict[str, Results] = {}
     for name in names:
         with_variant = [log for log in logs if all(name in drift.names for drift in log.values())]
@@ -242,7 +243,9 @@ def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
         if with_variant:
             joined = _joined(with_variant, [name])
             variants[name] |= drift_table.drift_scores(joined, name, name)
-        with_both = [log for log in with_variant if all(baseline in d.names for d in log.values())]
+        with_both = [
+            log for log in with_variant if all(baseline in drift.names for drift in log.values())
+        ]
         joined = _joined(with_both, [name, baseline]) if with_both else {}
         for label in drift_table.horizon_labels():
             ratio = joined[label].ratio(name, baseline) if joined else NO_RATIO
@@ -250,8 +253,8 @@ def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
             variants[name][f"drift_ratio_{label}_95"] = drift_table.listed(ratio)
     return {
         "logs": len(logs),
-        "distance_m": sum(one.results["truth"]["distance_m"] for one, _ in pairs),
-        "duration_s": sum(one.results["log"]["duration_s"] for one, _ in pairs),
+        "distance_m": sum(case.results["truth"]["distance_m"] for case, _ in pairs),
+        "duration_s": sum(case.results["log"]["duration_s"] for case, _ in pairs),
         "verdict": _pooled_verdict(logs, names, baseline) if logs else None,
         "variants": variants,
     }
@@ -289,7 +292,7 @@ def _nees(scored: Sequence[CaseScores], name: str) -> Results:
     """Mean NEES of a variant over all logs, and number of poses and positions."""
     found: Results = {}
     for kind in ("nees_pose", "nees_position"):
-        logs = [one.results["variants"].get(name, {}) for one in scored]
+        logs = [scores.results["variants"].get(name, {}) for scores in scored]
         known = [log for log in logs if log.get(f"{kind}_mean") is not None]
         poses = sum(log["nees_poses"] for log in known)
         # Each log counts by its number of poses.
@@ -301,28 +304,32 @@ def _nees(scored: Sequence[CaseScores], name: str) -> Results:
 
 def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
     """Ratio of drift with each robot file to that with the first, same segments."""
-    by_case = {one.case: one for one in scored if one.drifts}
+    by_case = {scores.case: scores for scores in scored if scores.drifts}
+    logs = dict.fromkeys(case.log for case in by_case)
     first_robot, *other_robots = robots
-    found: Results = {}
+    by_robot: Results = {}
     for robot in other_robots:
-        both = [
+        pairs = [
             (by_case[Case(log, first_robot)], by_case[Case(log, robot)])
-            for log in dict.fromkeys(case.log for case in by_case)
+            for log in logs
             if Case(log, first_robot) in by_case and Case(log, robot) in by_case
         ]
-        names = dict.fromkeys(name for _, other in both for name in other.results["variants"])
-        ratios = {name: _ratio(both, name) for name in names}
+        names = dict.fromkeys(name for _, other in pairs for name in other.results["variants"])
+        ratios = {name: _ratio(pairs, name) for name in names}
         common = {name: ratio for name, ratio in ratios.items() if ratio}
-        found[robot] = {"to": first_robot, "variants": common}
-    return found
+        by_robot[robot] = {"to": first_robot, "variants": common}
+    return by_robot
 
 
-def _ratio(both: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
-    """Ratio of a variant's drift between two robot files; empty if no log has both."""
+def _ratio(logs: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
+    """Ratio of a variant's drift between two robot files; empty if no log has both.
+
+    `logs` are the scores of each log with the first and with the other robot file.
+    """
     found: Results = {}
     for label in drift_table.horizon_labels():
         pairs = []
-        for first, other in both:
+        for first, other in logs:
             first_drifts, other_drifts = first.drifts[label], other.drifts[label]
             if name in first_drifts and name in other_drifts:
                 # A larger lag moves the stamps of the truth further back.

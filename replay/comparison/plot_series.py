@@ -27,12 +27,9 @@ SERIES_POINTS, MOST_SERIES_POINTS, SERIES_STEP = 1500, 4000, 0.25
 PARAMETER_POINTS = 300
 INNOVATION_POINTS = 700
 ELLIPSES = 30
-# Least yaw rate at which indices are computed from a twist [rad/s].
-LEAST_YAW_RATE = 0.1
-# Longest interval between poses of the truth that is bridged, or twice the usual one if longer [s].
-LONGEST_BRIDGE = 1.0
-# Decimals of positions [m], which may be far from their origin, and of values as large.
-DECIMALS = 4
+LEAST_YAW_RATE = 0.1  # least yaw rate at which indices are computed from a twist [rad/s]
+LONGEST_BRIDGE = 1.0  # longest bridged interval of the truth, or twice the usual one [s]
+DECIMALS = 4  # decimals of positions [m], and of values as large
 POSE, SPATIAL = ("x_m", "y_m", "yaw_rad"), ("z_m", "roll_rad", "pitch_rad")
 SPATIAL_SIGMA = ("z_sigma_m", "roll_sigma_rad", "pitch_sigma_rad")
 TWIST, INDICES = ("v_x_m_s", "v_y_m_s", "w_rad_s"), ("zeta_m", "epsilon_m", "eta")
@@ -102,9 +99,9 @@ def _run_columns(run: Run, stamps: Stamps, point: Floats, truth: Truth | None) -
         columns |= _columns(SPATIAL, path.spatial[rows])
         columns |= _columns(SPATIAL_SIGMA, path.spatial_sigmas[rows])
     if truth is not None:
-        errors = poses - true_poses_at(truth, stamps)
-        columns["position_error_m"] = _rounded(np.hypot(errors[:, 0], errors[:, 1]))
-        columns["yaw_error_rad"] = _rounded(np.asarray(wrap_angle(errors[:, 2])))
+        x, y, yaw = (poses - true_poses_at(truth, stamps)).T
+        columns["position_error_m"] = _rounded(np.hypot(x, y))
+        columns["yaw_error_rad"] = _rounded(np.asarray(wrap_angle(yaw)))
     return columns
 
 

@@ -33,8 +33,7 @@ from icreckon.replay.comparison.plot_series import series_of
 from icreckon.replay.comparison.scores import differences, noise_drifts, scores, truths_of
 
 FORMAT = 1
-# Number of fixes that show a correlation of successive innovations.
-ENOUGH_FIXES = 30
+ENOUGH_FIXES = 30  # number of fixes that show a correlation of successive innovations
 # Lists of numbers are written on one line; no string holds a line break.
 NUMBERS = re.compile(r"\[\n[-+.\deE\s,nul]*\]")
 PACKAGES = ("icreckon", "numpy", "scipy", "filterpy", "rosbags", "msgspec")
@@ -116,7 +115,7 @@ def comparison_drifts(comparison: Comparison) -> Drifts:
     if comparison.log.truth is None:
         return {}
     truths, scored = truths_of(comparison), scored_intervals(comparison.log)
-    paths = {name: one.trajectory.pose_series for name, one in comparison.runs.items()}
+    paths = {name: run.trajectory.pose_series for name, run in comparison.runs.items()}
     return {
         label: {
             name: drift(path, truths[name].truth.poses, horizon, unit=unit, within=scored)
@@ -166,13 +165,15 @@ def _findings(comparison: Comparison) -> list[str]:
     """Notes on the sensors by the filters: fixes, IMU tilt."""
     runs, notes = comparison.runs, []
     healths = {name: runs[name].health for name in runs if not name.endswith(SMOOTHED)}
-    wanders = [(name, one.wander) for name, one in healths.items() if one.wander is not None]
+    wander_of = {name: health.wander for name, health in healths.items()}
+    wanders = [(name, wander) for name, wander in wander_of.items() if wander is not None]
     if wanders:
         name, wander = wanders[-1]
         estimate = f"by {name}: its estimate of the wander of the fixes"
         notes.append(f"the last fix was off by {wander.text}, {estimate}")
     notes += _scatter_note(list(healths.values()))
-    tilts = [one.tilt for one in healths.values() if one.tilt is not None and one.tilt.is_wrong]
+    all_tilts = (health.tilt for health in healths.values())
+    tilts = [tilt for tilt in all_tilts if tilt is not None and tilt.is_wrong]
     if tilts:
         notes.append(
             f"the gyros show the IMU tilted by {tilts[0].text} beyond rotation_rpy_deg of "

@@ -30,8 +30,7 @@ from icreckon.replay.comparison.holes import before_holes, largest_sigma
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, own_alignment
 from icreckon.replay.comparison.truth_level import spatial_scores
 
-NOISE_ROUNDS = 4
-"""Draws of the noise of a truth, of which the mean is taken."""
+NOISE_ROUNDS = 4  # draws of the noise of a truth, of which the mean is taken
 
 
 def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:
@@ -124,22 +123,23 @@ def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
 
 def differences(run: Run, reference: Run) -> Results:
     """Compare a run with a reference run, without a truth: final pose and distances."""
-    estimate, other = run.trajectory, reference.trajectory
-    end = estimate.poses[-1]
-    apart = relative(other.poses[-1], end)
-    found: Results = {
+    estimate, expected = run.trajectory, reference.trajectory
+    end, expected_end = estimate.poses[-1], expected.poses[-1]
+    x, y, yaw = end
+    forward, left, _ = relative(expected_end, end)
+    scored: Results = {
         "distance_m": float(path_length(estimate.pose_series)[-1]),
-        "end_x_m": float(end[0]),
-        "end_y_m": float(end[1]),
-        "end_yaw_deg": float(np.degrees(end[2])),
+        "end_x_m": float(x),
+        "end_y_m": float(y),
+        "end_yaw_deg": float(np.degrees(yaw)),
         "end_sigma_m": largest_sigma(estimate.pose_covariances[-1:])[0],
-        "end_apart_m": float(np.hypot(apart[0], apart[1])),
-        "end_yaw_apart_deg": float(np.degrees(end[2] - other.poses[-1, 2])),
+        "end_apart_m": float(np.hypot(forward, left)),
+        "end_yaw_apart_deg": float(np.degrees(yaw - expected_end[2])),
     }
     for label, (horizon, unit) in horizon_labels().items():
-        segments = drift(estimate.pose_series, other.pose_series, horizon, unit=unit)
-        found[f"apart_percent_{label}_mean"] = segments.percent_mean
-    return found | _consistency(run)
+        segments = drift(estimate.pose_series, expected.pose_series, horizon, unit=unit)
+        scored[f"apart_percent_{label}_mean"] = segments.percent_mean
+    return scored | _consistency(run)
 
 
 def _consistency(run: Run) -> Results:

@@ -29,16 +29,11 @@ from icreckon.replay.comparison.truth_level import levelled
 
 GRID_STEP = 0.1
 LEVER_WINDOW = 2.0
-# Windows across a longer gap in the truth are omitted [s].
-LARGEST_HOLE = 0.5
-# Rounds of headings and lever arm of a truth without headings.
-ROUNDS = 3
-# Standard deviation of the initial pose from a logged truth [m, rad].
-LOGGED_START_SIGMA = (0.02, 0.01)
-# Share of the windows kept for the lever arm: those with the smallest residuals.
-TRIMMED_SHARE = 0.8
-# Least turning within windows at which a lever arm is observable, root mean square [rad].
-LEAST_TURNING = 0.1
+LARGEST_HOLE = 0.5  # windows across a longer gap in the truth are omitted [s]
+ROUNDS = 3  # rounds of headings and lever arm of a truth without headings
+LOGGED_START_SIGMA = (0.02, 0.01)  # sigma of the initial pose from a logged truth [m, rad]
+TRIMMED_SHARE = 0.8  # share of the windows kept for the lever arm, by their residuals [-]
+LEAST_TURNING = 0.1  # least RMS turning in windows at which a lever arm is observable [rad]
 
 
 @dataclass(frozen=True)
@@ -148,8 +143,8 @@ def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
 def own_alignment(common: TruthAlignment, reckoned: Trajectory) -> TruthAlignment:
     """Realign a truth, aligned to one variant, to another's run; lever arms add up."""
     own = align_place(common.truth, reckoned)
-    x, y = (a + b for a, b in zip(common.lever_arm, own.lever_arm, strict=True))
-    return replace(own, lag=common.lag, lever_arm=(x, y))
+    (common_x, common_y), (own_x, own_y) = common.lever_arm, own.lever_arm
+    return replace(own, lag=common.lag, lever_arm=(common_x + own_x, common_y + own_y))
 
 
 def _windows(truth: PoseSeries, reckoned: PoseSeries) -> tuple[Stamps, Stamps]:

@@ -11,10 +11,8 @@ from icreckon.estimator.log.scores import drift, interpolate, shared_stamps
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.log.trajectory import Trajectory
 
-# Length of the segments over which the drift of the height is scored [s].
-HORIZON = 30.0
-# Rounds in which the tilt of the map and of the truth's axes in the robot are estimated in turn.
-ROUNDS = 10
+HORIZON = 30.0  # length of the segments over which the drift of the height is scored [s]
+ROUNDS = 10  # rounds in which the tilts of map and truth's axes are estimated in turn
 
 
 def levelled(truth: PoseSeries, reckoned: Trajectory) -> tuple[PoseSeries, float]:

@@ -41,8 +41,7 @@ TF_RATE = 20.0  # highest rate of transforms [Hz]; odometry and truth keep all o
 POSE_RATE, MARKER_RATE, PLACE_RATE = 20.0, 5.0, 5.0
 COVARIANCE_KNOWN = 3  # `position_covariance_type` of NavSatFix
 PATH_POSES = 1000  # most poses of a path, which is one message
-# Places of the variances of z, roll and pitch in a row-major 6x6 covariance.
-SPATIAL_VARIANCES = [14, 21, 28]
+SPATIAL_VARIANCES = [14, 21, 28]  # places of z, roll and pitch in a row-major 6x6 covariance
 
 
 def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Robot) -> Path:

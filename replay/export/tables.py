@@ -19,7 +19,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run, icr_points
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import new_file
-from icreckon.replay.base.units import column
+from icreckon.replay.base.units import column_name
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.fixes import OF_FIXES
 from icreckon.replay.comparison.plot_series import true_poses_at
@@ -40,11 +40,10 @@ TWIST_COVARIANCES = tuple(
         "w_w_rad2",
     )
 )
-# Noise compresses badly, but better if bytes of equal significance are grouped.
-ENCODING = "BYTE_STREAM_SPLIT"
+ENCODING = "BYTE_STREAM_SPLIT"  # compresses noise: bytes of equal significance are grouped
 
 
-def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, Any]:
+def run_columns(run: Run, robot: Robot, start: int | None = None) -> dict[str, Any]:
     """Columns (n,) of a run by name, float64 if precision matters, otherwise float32.
 
     They are input of a data frame, `pandas.DataFrame(run_columns(run, robot))`, with units in their
@@ -52,36 +51,36 @@ def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, A
     and innovations over theirs.
 
     Args:
-        one: the run.
+        run: the run.
         robot: the robot, for its gauge.
         start: stamp of `t_s` = 0 [ns]; the run's first by default.
     """
-    trajectory = one.trajectory
+    trajectory = run.trajectory
     start = int(trajectory.stamps[0]) if start is None else start
     columns = pose_columns(trajectory.pose_series, start)
     single: dict[str, Any] = {}  # columns in single precision
     single |= zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), trajectory.twists.T, strict=True)
-    upper = list(zip(*np.triu_indices(3), strict=True))
+    upper_triangle = list(zip(*np.triu_indices(3), strict=True))
     for names, covariances in (
         (POSE_COVARIANCES, trajectory.pose_covariances),
         (TWIST_COVARIANCES, trajectory.twist_covariances),
     ):
-        for name, (i, k) in zip(names, upper, strict=True):
-            single[f"cov_{name}"] = covariances[:, i, k]
+        for name, (row, column) in zip(names, upper_triangle, strict=True):
+            single[f"cov_{name}"] = covariances[:, row, column]
     if trajectory.spatial_sigmas is not None:
         names = ("sigma_z_m", "sigma_roll_rad", "sigma_pitch_rad")
         single |= zip(names, trajectory.spatial_sigmas.T, strict=True)
-    single |= zip(("zeta_m", "epsilon_m", "eta"), one.indices.T, strict=True)
-    icrs = icr_points(IndexValues(*one.indices.T), robot.vehicle.track_gauge)
+    single |= zip(("zeta_m", "epsilon_m", "eta"), run.indices.T, strict=True)
+    icrs = icr_points(IndexValues(*run.indices.T), robot.vehicle.track_gauge)
     for side, point in icrs._asdict().items():
         single[f"{side}_icr_x_m"], single[f"{side}_icr_y_m"] = point
     for index in (*range(s.SLIP.start, s.SLIP.stop), *range(s.LEARNT.start, s.GRAVITY.stop)):
-        name = one.state_names[index]
+        name = run.state_names[index]
         if name:
-            single[column(name)] = one.states[:, index]
-            single[column(name, "sigma")] = one.state_sigmas[:, index]
-    for index, name in enumerate(one.innovation_names):
-        single[f"innovation_{name}"] = one.innovations[:, index]
+            single[column_name(name)] = run.states[:, index]
+            single[column_name(name, "sigma")] = run.state_sigmas[:, index]
+    for index, name in enumerate(run.innovation_names):
+        single[f"innovation_{name}"] = run.innovations[:, index]
     return columns | {name: np.asarray(value, np.float32) for name, value in single.items()}
 
 
@@ -141,32 +140,33 @@ def columns_of(comparison: Comparison, robot: Robot, variant: str) -> dict[str, 
         others = f"there are {', '.join(comparison.runs)}"
         why = others if failure is None else f"it failed: {failure.reason}"
         raise ReplayError(f"the comparison has no run {variant!r}; {why}")
-    one = comparison.runs[variant]
-    columns: dict[str, NDArray[Any]] = run_columns(one, robot, comparison.log.start)
+    run = comparison.runs[variant]
+    columns: dict[str, NDArray[Any]] = run_columns(run, robot, comparison.log.start)
     if comparison.log.truth is not None:
-        columns |= _truth_columns(comparison, variant, one)
+        columns |= _truth_columns(comparison, variant, run)
     return columns
 
 
-def _truth_columns(comparison: Comparison, variant: str, one: Run) -> dict[str, NDArray[Any]]:
+def _truth_columns(comparison: Comparison, variant: str, run: Run) -> dict[str, NDArray[Any]]:
     """Truth, aligned with the run, and errors at its rows; NaN in holes of the truth.
 
     The NEES is NaN where the covariance is singular, and against fixes, whose errors it does not contain.
     """
     truth = truths_of(comparison)[variant].truth
-    poses = true_poses_at(truth, one.stamps)
+    poses = true_poses_at(truth, run.stamps)
     poses[:, 2] = wrap_angle(poses[:, 2])
-    errors = one.trajectory.poses - poses
+    errors = run.trajectory.poses - poses
     errors[:, 2] = wrap_angle(errors[:, 2])
-    covariances = one.trajectory.pose_covariances
+    (x, y, yaw), (x_error, y_error, yaw_error) = poses.T, errors.T
+    covariances = run.trajectory.pose_covariances
     has_nees = regular(covariances) & (truth.source != OF_FIXES)
     normalised = np.full(len(errors), np.nan)
     normalised[has_nees] = nees(errors[has_nees], covariances[has_nees])
     return {
-        "true_x_m": poses[:, 0],
-        "true_y_m": poses[:, 1],
-        "true_yaw_rad": poses[:, 2],
-        "position_error_m": np.hypot(errors[:, 0], errors[:, 1]),
-        "yaw_error_rad": errors[:, 2],
+        "true_x_m": x,
+        "true_y_m": y,
+        "true_yaw_rad": yaw,
+        "position_error_m": np.hypot(x_error, y_error),
+        "yaw_error_rad": yaw_error,
         "nees_pose": normalised,
     }

@@ -30,18 +30,14 @@ LARGEST_HOLE = 1.0  # windows with a longer gap in the track speeds or the IMU a
 TIMES = (4.0, 8.0, 15.0, 30.0, 60.0, 120.0, 240.0)  # candidate correlation times [s]
 RATIOS = tuple(float(ratio) for ratio in np.logspace(-2.0, 2.0, 17))
 """Candidate ratios of the white noise to the wander, of their standard deviations [-]."""
-CLEAR = 25.0
-"""Twice the gain of the log likelihood over white noise alone from which a wander is clear."""
-AS_GOOD = 4.0
-"""Twice the loss of the log likelihood up to which another correlation time fits as well."""
+CLEAR = 25.0  # least 2x gain of log likelihood over white noise of a clear wander
+AS_GOOD = 4.0  # largest 2x loss of log likelihood of a correlation time that fits as well
 STATED, STATED_AT_MOST = 3.0, 5.0
 """Stated standard deviation over that of the white part from which on the rest is slow, and the largest
 wander over the stated one of which that is evidence [-]."""
-ODOMETRY_ERROR = 0.03
-"""Error of odometry that looks like wander, as a share of the way driven in its time [-]."""
+ODOMETRY_ERROR = 0.03  # odometry error that looks like wander, as a share of distance [-]
 SLOWEST_SLIP = 30.0  # least time over which errors of odometry are counted [s]
-OUTLYING = 8.0
-"""Distance from the median of five fixes, in median distances, beyond which a fix is left out [-]."""
+OUTLYING = 8.0  # least distance of outliers from the median of five, in median distances [-]
 
 
 class FixWanderEstimate(NamedTuple):
@@ -52,8 +48,7 @@ class FixWanderEstimate(NamedTuple):
     time: float  # its correlation time [s]
     times: tuple[float, float]  # shortest and longest candidate time that fits as well [s]
     reason: str  # reason not to propose it, empty if there is none
-    # standard deviation that the fixes state, if this alone shows that they wander [m]
-    stated: float | None = None
+    stated: float | None = None  # stated sigma, if it alone shows that the fixes wander [m]
 
     @property
     def text(self) -> str:
@@ -81,8 +76,7 @@ class _Window(NamedTuple):
     seconds: Floats  # (n,) times [s]
     positions: Floats  # (n,) fixes [m]
     path: Floats  # (n,) path by odometry, in the unit of the tracks
-    # (n, k) orthonormal columns that the fit combines: offset, path, its change by a gyro bias
-    design: Floats
+    design: Floats  # (n, k) orthonormal regressors: offset, path, its change by a gyro bias
 
 
 class _Fit(NamedTuple):
@@ -206,24 +200,27 @@ def _orthonormal(columns: Floats) -> Floats:
 def _fit(windows: list[_Window], model: tuple[float, float] | None) -> _Fit:
     """Fit the variance of an error model, by restricted maximum likelihood."""
     # `model` is the correlation time [s] and the ratio of the white noise to the wander; None: no wander.
-    freedom, squares, logarithms = 0, 0.0, 0.0
+    freedom, squares, log_determinants = 0, 0.0, 0.0
     for window in windows:
-        n, k = window.design.shape
-        V = np.eye(n)
+        fixes, regressors = window.design.shape
+        covariance = np.eye(fixes)  # over the variance that is fitted
         if model is not None:
             time, ratio = model
             lags = np.abs(window.seconds[:, None] - window.seconds)
-            V = np.exp(-lags / time) + ratio * ratio * V
-        L = np.linalg.cholesky(V)
-        whitened = np.linalg.solve(L, np.column_stack([window.design, window.positions]))
-        Q, R = np.linalg.qr(whitened[:, :k])
-        residual = whitened[:, k] - Q @ (Q.conj().T @ whitened[:, k])
+            covariance = np.exp(-lags / time) + ratio * ratio * covariance
+        factor = np.linalg.cholesky(covariance)
+        whitened = np.linalg.solve(factor, np.column_stack([window.design, window.positions]))
+        design, positions = whitened[:, :regressors], whitened[:, regressors]
+        Q, R = np.linalg.qr(design)
+        residual = positions - Q @ (Q.conj().T @ positions)
         squares += float(np.vdot(residual, residual).real)
-        logarithms += 2.0 * float(np.log(L.diagonal()).sum() + np.log(np.abs(R.diagonal())).sum())
-        freedom += n - k
+        # Logarithms of the determinants of the covariance, and of the fit's information.
+        log_covariance, log_fit = np.log(factor.diagonal()), np.log(np.abs(R.diagonal()))
+        log_determinants += 2.0 * float(log_covariance.sum() + log_fit.sum())
+        freedom += fixes - regressors
     # Both axes: the variance of a complex number is twice that of each.
     variance = squares / freedom
-    return _Fit(-freedom * float(np.log(variance)) - logarithms, 0.5 * variance)
+    return _Fit(-freedom * float(np.log(variance)) - log_determinants, 0.5 * variance)
 
 
 def _distance_driven(windows: list[_Window], time: float) -> float:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import BLOCKS
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
@@ -23,8 +23,7 @@ WINDOW = 5.0  # time over which the turning by gyro and by truth or tracks is co
 LARGEST_HOLE = 1.0  # windows with a longer gap between samples are left out [s]
 SURE = 3.0  # standard errors beyond which a bias while driving is significant
 UNSEEN_BIAS_SIGMA = 0.1  # standard error of a bias that a log does not show [rad/s]
-LEAST_BY_TRACKS = 0.005
-"""Least bias that tracks show [rad/s]: on the sample logs, tracks of a healthy gyro show 0.001."""
+LEAST_BY_TRACKS = 0.005  # least bias that tracks show [rad/s]: 0.001 for healthy gyros
 
 
 class GyroBias(NamedTuple):
@@ -81,17 +80,14 @@ def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
     edges = even_grid(max(stamps[0], imu.stamps[0]), min(stamps[-1], imu.stamps[-1]), step, stamps)
     if len(edges) < 2 * BLOCKS:
         return None
-    is_whole = np.diff(edges) == step
-    for samples in (stamps, imu.stamps):
-        gaps = np.flatnonzero(np.diff(samples) * NANOSECOND > LARGEST_HOLE)
-        for begin, end in zip(samples[gaps], samples[gaps + 1], strict=True):
-            is_whole &= (edges[1:] <= begin) | (edges[:-1] >= end)
+    is_whole = (np.diff(edges) == step) & ~_with_gap(edges, stamps) & ~_with_gap(edges, imu.stamps)
     if is_whole.sum() < 2 * BLOCKS:
         return None
-    by_gyro = np.interp(edges, imu.stamps, running_integral(imu.stamps, vertical))
-    turning = np.diff(by_gyro)[is_whole]
+    turned = np.interp(edges, imu.stamps, running_integral(imu.stamps, vertical))
+    turning = np.diff(turned)[is_whole]
     changes = [np.diff(np.interp(edges, stamps, column))[is_whole] for column in references]
-    if source == "tracks" and abs(np.corrcoef(changes[0], turning)[0, 1]) < CLEAR_TURNING:
+    turning_change, *_ = changes
+    if source == "tracks" and abs(np.corrcoef(turning_change, turning)[0, 1]) < CLEAR_TURNING:
         return None
     design = np.column_stack([np.full(len(turning), WINDOW), *changes])
 
@@ -101,3 +97,12 @@ def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
 
     bias, sigma = jackknifed(fitted_bias, len(design))
     return GyroBias(bias, sigma, source) if sigma < UNSEEN_BIAS_SIGMA else None
+
+
+def _with_gap(edges: Stamps, stamps: Stamps) -> NDArray[np.bool_]:
+    """Mask (n - 1,) of the windows between edges (n,) in which samples have a gap."""
+    has_gap = np.zeros(len(edges) - 1, dtype=bool)
+    gaps = np.flatnonzero(np.diff(stamps) * NANOSECOND > LARGEST_HOLE)
+    for begin, end in zip(stamps[gaps], stamps[gaps + 1], strict=True):
+        has_gap |= (edges[1:] > begin) & (edges[:-1] < end)
+    return has_gap

@@ -30,19 +30,16 @@ class Mounting:
 
     # roll and pitch at which the vertical points up, and yaw to the next 90 deg [deg]
     rotation_rpy_deg: tuple[float, float, float]
-    # what shows the vertical: "gravity", "turning", or "" for an IMU that is taken as upright
-    up_shown_by: str
+    up_shown_by: str  # evidence of the vertical: "gravity", "turning", or "" for none
     yaw_shown: bool  # whether the track speeds show that yaw; otherwise it is unknown, and set to 0
-    # (3,) mean specific force in the IMU's axes [m/s²], or None without accelerometers
-    specific_force: Floats | None
+    specific_force: Floats | None  # (3,) mean in the IMU's axes [m/s²], None without accelerometers
     still_seconds: float  # duration of standstill in the log [s]
     gyro_axes: str  # "z" if the other two gyros always read zero, otherwise "xyz"
     # correlation of the rate about the vertical with V_r - V_l, or None without turning in the
     # track speeds
     turning_correlation: float | None
     gyro_bias: Floats | None  # (3,) mean rates at standstill in the IMU's axes [rad/s], or None
-    # noise density of the vertical rate at standstill [rad/s/√Hz], or None
-    gyro_noise_density: float | None
+    gyro_noise_density: float | None  # of the vertical rate at standstill [rad/s/√Hz], or None
     # noise density of the specific force to the left over half a second, including vibration,
     # slopes and all else beyond the tracks' motion [m/s²/√Hz], or None
     accelerometer_noise_density: float | None
@@ -198,7 +195,7 @@ def _turning(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:
     """V_r - V_l (n,) at the stamps of an IMU; None if speeds are missing or absurd."""
     if not are_usable(tracks):
         return None
-    return np.interp(imu.stamps, tracks.stamps, tracks.speeds[:, 1] - tracks.speeds[:, 0])
+    return np.interp(imu.stamps, tracks.stamps, tracks.difference)
 
 
 def _density_while_driving(

@@ -40,8 +40,7 @@ from icreckon.replay.reading.gather import as_paths, gather
 from icreckon.replay.reading.tables import Table
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
-UNUSED = ("latency", "gauge")
-"""Keys of streams that a log is inspected without: it shows what they should be."""
+UNUSED = ("latency", "gauge")  # keys that an inspection ignores and estimates
 FAST_TURNING = 6.0  # yaw rate that a ground robot hardly exceeds [rad/s]
 FAST_SPEED, FAST_RATE = 20.0, 120.0
 """Speed and wheel rate that a ground robot hardly exceeds [m/s, rad/s]."""
@@ -447,7 +446,7 @@ def _lag_finding(purpose: str, lag: Lag | NoLag, *, by_yaw_rate: bool) -> str:
 def unit_suspicions(estimates: robot_file.LogEstimates, log: Log) -> Iterator[str]:
     """Report values of a log that seem to be in another unit."""
     in_rates, mounting = estimates.mapping.in_rates, estimates.mounting
-    ratio = estimates.wheels.way_ratio
+    ratio = estimates.wheels.distance_ratio
     if mounting is not None and mounting.specific_force is not None:
         force = float(np.linalg.norm(mounting.specific_force))
         if abs(force - wheels.GRAVITY) > wheels.WRONG_GRAVITY * wheels.GRAVITY:
@@ -468,7 +467,7 @@ def unit_suspicions(estimates: robot_file.LogEstimates, log: Log) -> Iterator[st
             yield f"track speeds of {fast:.3g}; m/s, or rather mm/s?"
     if not in_rates and ratio is not None and not 0.5 < ratio < 2.0:
         size = f"{ratio:.3g} times that of the track speeds"
-        yield f"the distance over ground is {size}, by the {estimates.wheels.way_source}"
+        yield f"the distance over ground is {size}, by the {estimates.wheels.distance_source}"
 
 
 def _fast_turning(imu: ImuSeries) -> float:
@@ -494,7 +493,7 @@ def _track_finding(estimates: robot_file.LogEstimates) -> str:
 
 def _rate_finding(track: by_rate.TrackByRate | None) -> Iterator[str]:
     """Finding on the effective track over the yaw rate, if the log has several."""
-    rates = sorted(abs(one.rate) for one in track.bins) if track is not None else []
+    rates = sorted(abs(rate_bin.rate) for rate_bin in track.bins) if track is not None else []
     if track is None or len(rates) < 2 or rates[-1] < 1.5 * rates[0]:
         return
     text = f"tracks: from {rates[0]:.1f} to {rates[-1]:.1f} rad/s the effective track"
@@ -503,9 +502,9 @@ def _rate_finding(track: by_rate.TrackByRate | None) -> Iterator[str]:
         yield f"{text} does not depend significantly on the yaw rate"
         return
     narrower, wider = (
-        f"{one.track:.3g} (± {one.sigma:.1g}) {track.unit} at {abs(one.rate):.2f} rad/s to the "
-        f"{'left' if one.rate > 0.0 else 'right'}"
-        for one in extremes
+        f"{span.track:.3g} (± {span.sigma:.1g}) {track.unit} at {abs(span.rate):.2f} rad/s to the "
+        f"{'left' if span.rate > 0.0 else 'right'}"
+        for span in extremes
     )
     yield f"{text} depends on the yaw rate: {narrower}, {wider}; --picture FILE draws it"
 

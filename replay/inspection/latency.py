@@ -44,7 +44,7 @@ def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) ->
     """Estimate the latency of track speeds against the gyro."""
     # Each track speed, in any unit, is the mean since the one before. `vertical` (n,) is the rate of the
     # IMU about the vertical [rad/s].
-    by_tracks = turned_in_steps(tracks.stamps, tracks.speeds[:, 1] - tracks.speeds[:, 0])
+    by_tracks = turned_in_steps(tracks.stamps, tracks.difference)
     return find_lag(by_tracks, turned_in_steps(imu.stamps, vertical), least=LEAST_TURN)
 
 

@@ -17,22 +17,18 @@ from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
 from icreckon.replay.inspection.latency import objection
 from icreckon.replay.inspection.wheels import NO_WHEELS, WheelEstimates, heading_offset
 from icreckon.replay.mapping.columns import ColumnMap
-from icreckon.replay.mapping.topics import TopicMap
+from icreckon.replay.mapping.topics import TopicMap, TrackTopic
 from icreckon.replay.reading.clocks import Choice
 
 FIRST_WORDS = "# Proposed by inspecting"
 USUAL_SCALE_SIGMA, LEAST_SCALE_SIGMA = 0.02, 0.01
 """Standard deviation of an effective radius of which a log shows nothing, and the least that one log
 shows, since the ground changes it [-]."""
-USUAL_DIFFERENCE_SIGMA = 0.02
-"""Standard deviation of the difference of the radii of a robot that nobody has measured [-]."""
-STANDING_BIAS_SIGMA = 0.002
-"""Standard deviation of a gyro bias that a standstill has shown, for other logs [rad/s]."""
+USUAL_DIFFERENCE_SIGMA = 0.02  # sigma of an unmeasured difference of the radii [-]
+STANDING_BIAS_SIGMA = 0.002  # sigma of a standstill's gyro bias, for other logs [rad/s]
 FILL_IN = "# not in the log: fill in"
-CHECKED = ("unit", "wrap", "rate_unit", "acceleration_unit", "yaw_unit")
-"""Keys that are guessed from names and sizes."""
-CLEAR_SIGN = 0.3
-"""Correlation of the tracks' turning with the gyro from which its sign is shown [-]."""
+CHECKED = ("unit", "wrap", "rate_unit", "acceleration_unit", "yaw_unit")  # guessed keys
+CLEAR_SIGN = 0.3  # least correlation of tracks and gyro that shows the sign of turning [-]
 MARGIN = 1.2  # highest speed of a robot over the fastest in a log [-]
 
 
@@ -41,8 +37,7 @@ class Sizes(NamedTuple):
 
     gauge: float | None = None  # track gauge
     radius: float | None = None  # sprocket radius
-    # gauge of the controller whose odometry gives the track speeds
-    controller_gauge: float | None = None
+    controller_gauge: float | None = None  # gauge of the controller of twists [m]
     log: Mapping[str, Mapping[str, Any]] = {}  # keys of its [log] tables, by table
 
 
@@ -55,8 +50,7 @@ class LogEstimates:
 
     mapping: TopicMap  # the guessed topics
     clocks: Mapping[str, Choice]  # clock of each stream and the reason of its choice, by purpose
-    # the log read by that mapping with a sprocket radius of 1 m; None if it cannot be read
-    log: Log | None
+    log: Log | None  # log read with a sprocket radius of 1 m; None if it cannot be read
     sizes: Sizes  # lengths of the robot that a person filled in
     mounting: Mounting | None = None  # estimated mounting of the IMU
     vertical: Floats | None = None  # (n,) rate about the vertical at the IMU's stamps [rad/s]
@@ -64,8 +58,7 @@ class LogEstimates:
     # latencies of tracks and truth against the gyro, by purpose
     latencies: Mapping[str, Lag | NoLag] = field(default_factory=dict)
     bias: GyroBias | None = None  # bias of the gyro
-    # error of the fixes, or the reason why it is not observable
-    wander: FixWanderEstimate | str | None = None
+    wander: FixWanderEstimate | str | None = None  # error of the fixes, or why it is not known
 
     @property
     def from_twist(self) -> bool:
@@ -79,7 +72,7 @@ class LogEstimates:
         if self.from_twist:
             scale = self.sizes.controller_gauge
         elif self.mapping.in_rates:
-            scale = self.sizes.radius or self.wheels.way_ratio
+            scale = self.sizes.radius or self.wheels.distance_ratio
         if self.wheels.track_ratio is None or scale is None:
             return None
         return self.wheels.track_ratio * scale
@@ -117,7 +110,7 @@ def _vehicle_lines(estimates: LogEstimates) -> list[str]:
         _radius_line(estimates),
     ]
     # Metres per unit of the log's track speeds, which were read with a radius of 1 m.
-    radius = estimates.sizes.radius or estimates.wheels.way_ratio
+    radius = estimates.sizes.radius or estimates.wheels.distance_ratio
     scale = radius if estimates.mapping.in_rates else 1.0
     if fastest and scale is not None and fastest < ABSURD:
         remark = f"m/s; the fastest in the log is {fastest * scale:.2f}"
@@ -135,14 +128,13 @@ def _radius_line(estimates: LogEstimates) -> str:
     """Key sprocket_radius: the effective radius, if the track speeds are rates."""
     if estimates.mapping.track_keys is not None and not estimates.mapping.in_rates:
         return "sprocket_radius = 0.1    # not used for this log"
-    radius, sigma = estimates.wheels.way_ratio, estimates.wheels.way_sigma
+    wheels = estimates.wheels
+    radius, sigma = wheels.distance_ratio, wheels.distance_sigma
     if radius is None:
         return f"sprocket_radius = nan    {FILL_IN} (m, effective)"
     error = "" if sigma is None else f" ± {sigma:.2g}"
-    return (
-        f"sprocket_radius = {radius:.4g}    # m{error}, effective, by the {estimates.wheels.way_source} "
-        "where it hardly turned"
-    )
+    remark = f"m{error}, effective, by the {wheels.distance_source} where it hardly turned"
+    return f"sprocket_radius = {radius:.4g}    # {remark}"
 
 
 def _gauge_line(track: float | None) -> str:
@@ -265,7 +257,7 @@ def _tracks_lines(estimates: LogEstimates) -> list[str]:
     if estimates.mapping.track_keys is None:
         return []
     in_rates, wheels = estimates.mapping.in_rates, estimates.wheels
-    ratio, ratio_sigma = wheels.way_ratio, wheels.way_sigma
+    ratio, ratio_sigma = wheels.distance_ratio, wheels.distance_sigma
     sigma, remark = USUAL_SCALE_SIGMA, "what is usually not known of an effective radius"
     if ratio is not None and ratio_sigma is not None and not estimates.sizes.radius:
         measured, subject = ratio_sigma / ratio, "the effective radius above"
@@ -274,7 +266,7 @@ def _tracks_lines(estimates: LogEstimates) -> list[str]:
             measured, subject = float(np.hypot(ratio - 1.0, ratio_sigma)), "the speeds"
         if measured < sigma:
             sigma = max(measured, LEAST_SCALE_SIGMA)
-            remark = f"of {subject}, by the {wheels.way_source}"
+            remark = f"of {subject}, by the {wheels.distance_source}"
             remark += f"; {USUAL_SCALE_SIGMA:g} for another" if in_rates else ""
     return [
         "[tracks]",
@@ -319,17 +311,7 @@ def _topic_lines(estimates: LogEstimates, track_latency: list[str], wander: list
             lines.append(f'time = "recording"    # {choice.reason}')
 
     if tracks := mapping.tracks:
-        keys = [f"{side} = {toml_value(getattr(tracks, side))}" for side in ("left", "right")]
-        if not tracks.left:
-            keys = [f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)"]
-        if tracks.right_topic:
-            keys.insert(0, f"right_topic = {toml_value(tracks.right_topic)}")
-        if tracks.right_topic or tracks.unit != "rad/s":
-            keys.append(f"unit = {toml_value(tracks.unit)}    # check it")
-        if tracks.counts_per_turn:
-            keys.append(f"counts_per_turn = nan    {FILL_IN} (of the wheel)")
-            keys += [f"wrap = {tracks.wrap}"] if tracks.wrap else []
-        add_table("tracks", tracks.topic, *keys)
+        add_table("tracks", tracks.topic, *_track_keys(tracks))
         lines += track_latency
     if imu := mapping.imu:
         rate, force = imu.rate_unit, imu.acceleration_unit
@@ -356,6 +338,21 @@ def _topic_lines(estimates: LogEstimates, track_latency: list[str], wander: list
         keys = [f"{name} = {toml_value(topic)}" for name, topic in topics.items() if topic]
         add_table("truth", truth.topic, *keys)
     return lines[1:]
+
+
+def _track_keys(tracks: TrackTopic) -> list[str]:
+    """Keys of [log.tracks] but its topic."""
+    keys = [f"{side} = {toml_value(getattr(tracks, side))}" for side in ("left", "right")]
+    if not tracks.left:
+        keys = [f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)"]
+    if tracks.right_topic:
+        keys.insert(0, f"right_topic = {toml_value(tracks.right_topic)}")
+    if tracks.right_topic or tracks.unit != "rad/s":
+        keys.append(f"unit = {toml_value(tracks.unit)}    # check it")
+    if tracks.counts_per_turn:
+        keys.append(f"counts_per_turn = nan    {FILL_IN} (of the wheel)")
+        keys += [f"wrap = {tracks.wrap}"] if tracks.wrap else []
+    return keys
 
 
 def _wander_lines(wander: FixWanderEstimate | str | None) -> list[str]:

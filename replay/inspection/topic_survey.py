@@ -39,12 +39,9 @@ class TopicReport:
     msgtype: str  # message type
     frame_id: str  # frame of the first message, "" if it has none
     count: int  # number of messages
-    # rate by the median interval between two messages [Hz], or None for fewer than two
-    mean_rate: float | None
-    # longest time between two messages, by recording [s], or None likewise
-    largest_gap: float | None
-    # median of header stamp minus time of recording [s], or None without headers
-    clock_offset: float | None
+    mean_rate: float | None  # one over the median interval [Hz]; None for fewer than two messages
+    largest_gap: float | None  # longest time between recorded messages [s], or None likewise
+    clock_offset: float | None  # median header stamp minus recording time [s], None without headers
     gaps: int | None = None  # number of intervals longer than `GAP` times the usual one, or None
     # share of samples equal to the previous one: of the values of track speeds while the tracks
     # moved, of the samples of the IMU; None for other topics

@@ -12,10 +12,8 @@ from icreckon.estimator.log.series import running_integral
 from icreckon.replay.inspection.imu_mounting import are_usable
 
 WINDOW = 0.5  # time over which the turning by the gyro and by the tracks is compared [s]
-EDGES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0)
-"""Bounds of the bins of the yaw rate, to either side [rad/s]."""
-STEADY = 0.15
-"""Largest change of the yaw rate to the windows before and after, over the window's own rate [-]."""
+EDGES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0)  # edges of the bins [rad/s]
+STEADY = 0.15  # largest change of the yaw rate to neighbouring windows, over the rate [-]
 FEWEST = 8  # windows that make a bin
 SURE = 4.0  # standard errors between two of all bins that are a difference
 
@@ -45,20 +43,20 @@ def track_windows(log: Log, vertical: Floats, bias: float = 0.0) -> Floats:
         return np.zeros((0, 2))
     tracks, imu, step = log.tracks.stamps, log.imu.stamps, round(WINDOW / NANOSECOND)
     edges = np.arange(max(tracks[0], imu[0]), min(tracks[-1], imu[-1]) + 1, step)
-    difference = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
-    counts = np.ones(max(0, len(edges) - 1), bool)
-    means = np.zeros((len(counts), 2))
-    for column, (stamps, values) in enumerate(((imu, vertical - bias), (tracks, difference))):
+    is_used = np.ones(max(0, len(edges) - 1), bool)
+    means = np.zeros((len(is_used), 2))
+    series = (imu, vertical - bias), (tracks, log.tracks.difference)
+    for column, (stamps, values) in enumerate(series):
         interval_at_end = np.diff(stamps, prepend=stamps[0])[np.searchsorted(stamps, edges[1:])]
-        counts &= interval_at_end < step
+        is_used &= interval_at_end < step
         integral = np.interp(edges, stamps, running_integral(stamps, values))
         means[:, column] = np.diff(integral) / WINDOW
     # Where the rate changes, what remains of a latency would count as a narrower track.
-    rates = means[:, 0]
+    rates, _ = means.T
     changes = np.abs(np.diff(rates))
-    counts[1:] &= changes < STEADY * np.abs(rates[1:])
-    counts[:-1] &= changes < STEADY * np.abs(rates[:-1])
-    return means[counts]
+    is_used[1:] &= changes < STEADY * np.abs(rates[1:])
+    is_used[:-1] &= changes < STEADY * np.abs(rates[:-1])
+    return means[is_used]
 
 
 def track_by_rate(windows: Floats) -> list[RateBin]:

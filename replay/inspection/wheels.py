@@ -17,12 +17,13 @@ from icreckon.replay.inspection import imu_mounting
 
 GRAVITY = 9.81
 WRONG_GRAVITY = 0.03  # relative error of the mean specific force from which it is suspicious [-]
-DEGREES = (20.0, 180.0)
-"""Ratio range to the odometry's yaw rates at which rates are in degrees (57.3, with some slip)."""
+DEGREES = (20.0, 180.0)  # ratio to odometry's yaw rates that means degrees (57.3 without slip)
 TOO_MUCH_TURNING = 2.5  # factor by which slip hardly makes odometry overestimate the yaw rate [-]
 STRAIGHT = 1.0  # largest turning within a window at which its path is assumed an arc [rad]
-WINDOWS = {"truth": 2.0, "fixes": 10.0}
-"""Time over which distances are compared [s], by their source."""
+WINDOWS = {
+    "truth": 2.0,
+    "fixes": 10.0,
+}  # time over which distances are compared [s], by their source
 FEWEST_WINDOWS = 5
 FEWEST_SAMPLES = 100  # samples from which on a standard error of the effective track is estimated
 COURSE_LENGTH, COURSE_TIME, CLEAR_COURSE = 0.5, 5.0, 0.8
@@ -34,12 +35,12 @@ class WheelEstimates(NamedTuple):
 
     # distance over ground over that of the track speeds: the effective radius [m] if these are
     # rates [rad/s], otherwise 1 [-]
-    way_ratio: float | None
-    way_source: str  # source of the distance over ground, "truth" or "fixes"
+    distance_ratio: float | None
+    distance_source: str  # source of the distance over ground, "truth" or "fixes"
     # V_r - V_l over the yaw rate: effective track over effective radius [-] if track speeds are
     # rates, otherwise the effective track [m]
     track_ratio: float | None
-    way_sigma: float | None = None  # standard error of `way_ratio`, or None
+    distance_sigma: float | None = None  # standard error of `distance_ratio`, or None
     track_sigma: float | None = None  # standard error of `track_ratio`, or None
 
 
@@ -60,8 +61,7 @@ def wheel_estimates(
         return NO_WHEELS
     track_ratio = track_sigma = None
     if (correlation or 0.0) > imu_mounting.CLEAR_TURNING:
-        speeds = log.tracks.speeds
-        difference = np.interp(log.imu.stamps, log.tracks.stamps, speeds[:, 1] - speeds[:, 0])
+        difference = np.interp(log.imu.stamps, log.tracks.stamps, log.tracks.difference)
         track_ratio, track_sigma = _turning_ratio(vertical, difference)
     if log.truth is not None:
         source, stamps, positions = "truth", log.truth.poses.stamps, log.truth.poses.poses[:, :2]
@@ -144,7 +144,7 @@ def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[st
     """Compare the spread of the odometry's yaw rate with the gyro's; note a misfit."""
     # `vertical` (n,) is the rate about the vertical at the IMU's stamps [rad/s], `gauge` [m] the one with
     # which track speeds were computed from the twist.
-    odometry = float((log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]).std()) / gauge
+    odometry = float(log.tracks.difference.std()) / gauge
     gyro = float((vertical - vertical.mean()).std())
     if not (odometry > 0.0 and gyro > 0.0):
         return []

@@ -5,10 +5,10 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.replay.reading.wheels import TOGETHER, interpolated
 
-LONGEST = round(2.0 * TOGETHER / NANOSECOND)
-"""Longest time between messages that belong together [ns]."""
-CLEARLY_SLOWER = 0.9
-"""Ratio of messages below which a wheel is the slowest instead; one message more or less is none."""
+LONGEST = round(
+    2.0 * TOGETHER / NANOSECOND
+)  # longest time between messages that belong together [ns]
+CLEARLY_SLOWER = 0.9  # ratio of messages below which another wheel becomes the slowest [-]
 
 
 class ApartWheels:
@@ -48,13 +48,13 @@ class ApartWheels:
         table = np.array([row for _, row in self._rows])
         if np.isnan(table).all(axis=0).any():
             return []  # a wheel has not come yet
-        stamps = np.array([when for when, _ in self._rows])
+        stamps = np.array([row_stamp for row_stamp, _ in self._rows])
         rows = zip(*interpolated(stamps, table, wrap, self._slowest), strict=True)
-        ready = [(int(when), row) for when, row in rows if when > self._newest]
+        ready = [(int(row_stamp), row) for row_stamp, row in rows if row_stamp > self._newest]
         if ready:
-            self._newest = ready[-1][0]
-            # The value of each wheel before is needed for the next row.
-            before = stamps <= self._newest
-            first = min(stamps[before & ~np.isnan(column)].max() for column in table.T)
+            self._newest, _ = ready[-1]
+            # The next row needs the last value of each wheel.
+            is_used = stamps <= self._newest
+            first = min(stamps[is_used & ~np.isnan(column)].max() for column in table.T)
             self._rows = [row for row in self._rows if row[0] >= first]
         return ready

@@ -10,31 +10,26 @@ from typing import Generic, NamedTuple, TypeVar
 from icreckon.replay.bags.decoding import NANOSECONDS
 
 T = TypeVar("T")
-LEAST_STEP = 3 * NANOSECONDS
-"""Least time by which a clock is found set forward [ns]; less is bridged as a hole."""
-WITNESSES = 5
-"""Messages in a row of one stream that indicate a step of the clock."""
+LEAST_STEP = 3 * NANOSECONDS  # least forward step of a clock [ns]; less is bridged
+WITNESSES = 5  # messages in a row of one stream that indicate a step of the clock
 
 
 class _Held(NamedTuple, Generic[T]):
-    """Message that is held back, with its stamp and the time at which it came [ns]."""
+    """Message that is held back."""
 
-    stamp: int
-    came: int
+    stamp: int  # its stamp [ns]
+    arrival: int  # time of its arrival, of a clock that is never set [ns]
     message: T
 
 
 @dataclass
 class _Stream(Generic[T]):
-    """State of a stream: newest accepted stamp, and messages held back; times in ns.
+    """State of a stream."""
 
-    `ahead` is the largest stamp less arrival since the clock was set back: stamps may stand, not time.
-    """
-
-    stamp: int
-    ahead: int
-    behind: int = 0
-    held: list[_Held[T]] = field(default_factory=list)
+    stamp: int  # newest accepted stamp [ns]
+    offset: int  # largest stamp less arrival since the clock was set back [ns]
+    behind: int = 0  # number of newest messages in a row whose stamps are far before `stamp`
+    held: list[_Held[T]] = field(default_factory=list)  # messages whose stamps are far ahead
 
 
 class Watched(NamedTuple, Generic[T]):
@@ -51,54 +46,54 @@ class ClockWatch(Generic[T]):
     def __init__(self) -> None:
         self._streams: dict[str, _Stream[T]] = {}
 
-    def take(self, stream: str, stamp: int, came: int, message: T) -> Watched[T]:
+    def take(self, stream: str, stamp: int, arrival: int, message: T) -> Watched[T]:
         """Add a message.
 
         Args:
             stream: name of its stream.
             stamp: its stamp [ns].
-            came: time at which it came, of a clock that is not set [ns].
+            arrival: time of its arrival, of a clock that is never set [ns].
             message: the message.
         """
-        known = self._streams.get(stream)
-        if known is None:
-            self._streams[stream] = _Stream(stamp, stamp - came)
+        state, offset = self._streams.get(stream), stamp - arrival
+        if state is None:
+            self._streams[stream] = _Stream(stamp, offset)
             return Watched([message])
-        if stamp - came - known.ahead <= LEAST_STEP:
-            return self._as_usual(known, stamp, came, message)
-        held, lost = known.held, 0
-        # Stamps that do not advance at the pace of time are wrong, and no clock that was set.
-        if held and abs(stamp - held[0].stamp - (came - held[0].came)) > LEAST_STEP:
+        if offset - state.offset <= LEAST_STEP:
+            return self._accept(state, stamp, offset, message)
+        held, lost = state.held, 0
+        # A set clock keeps its new offset; other stamps are wrong.
+        if held and abs(offset - (held[0].stamp - held[0].arrival)) > LEAST_STEP:
             lost = len(held)
             held.clear()
-        held.append(_Held(stamp, came, message))
+        held.append(_Held(stamp, arrival, message))
         if len(held) < WITNESSES:
             return Watched([], lost=lost)
-        step = held[0].stamp - held[0].came - known.ahead
-        return Watched(self._stepped(step), step, lost)
+        step = held[0].stamp - held[0].arrival - state.offset
+        return Watched(self._set_forward(step), step, lost)
 
-    def _as_usual(self, known: _Stream[T], stamp: int, came: int, message: T) -> Watched[T]:
-        """Accept a message that is not ahead, which refutes those that are held back."""
-        lost = len(known.held)
-        known.held.clear()
+    def _accept(self, state: _Stream[T], stamp: int, offset: int, message: T) -> Watched[T]:
+        """Accept a message that is not ahead, and discard those that are held back."""
+        lost = len(state.held)
+        state.held.clear()
         # Messages from before a step may still come: only several in a row are a clock set back.
-        known.behind = known.behind + 1 if stamp < known.stamp - LEAST_STEP else 0
-        if known.behind == WITNESSES:
-            known.stamp, known.ahead, known.behind = stamp, stamp - came, 0
-        elif not known.behind:
-            known.stamp, known.ahead = stamp, max(known.ahead, stamp - came)
+        state.behind = state.behind + 1 if stamp < state.stamp - LEAST_STEP else 0
+        if state.behind == WITNESSES:
+            state.stamp, state.offset, state.behind = stamp, offset, 0
+        elif not state.behind:
+            state.stamp, state.offset = stamp, max(state.offset, offset)
         return Watched([message], lost=lost)
 
-    def _stepped(self, step: int) -> list[T]:
-        """Set all streams forward; return their held messages in order of arrival."""
+    def _set_forward(self, step: int) -> list[T]:
+        """Set all streams forward by a step [ns]; return held messages by arrival."""
         released: list[_Held[T]] = []
         for stream in self._streams.values():
-            stream.stamp, stream.ahead = stream.stamp + step, stream.ahead + step
+            stream.stamp, stream.offset = stream.stamp + step, stream.offset + step
             released += stream.held
             if stream.held:
                 stream.stamp = stream.held[-1].stamp
                 stream.held.clear()
-        return [held.message for held in sorted(released, key=lambda held: held.came)]
+        return [held.message for held in sorted(released, key=lambda held: held.arrival)]
 
     def restart(self) -> None:
         """Forget all streams, and what is held back."""

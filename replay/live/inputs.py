@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,25 +33,19 @@ from icreckon.replay.reading.clocks import (
     clocks_agree,
 )
 from icreckon.replay.reading.gather import wanted_streams
-from icreckon.replay.reading.message_rows import JointReader, planar_poses
+from icreckon.replay.reading.message_rows import VARIANCES, JointReader, Z, planar_poses
 from icreckon.replay.reading.stream import Row, Stream, UnusableError, unreadable
 from icreckon.replay.reading.tf import TransformStream
 from icreckon.replay.reading.wheels import mean_of_sides
 
-PURPOSES = ("tracks", "imu", "fixes", "heading")
-"""Streams that a live estimator uses."""
-WATCHED = ("tracks", "imu")
-"""Streams whose stamps show that a clock was set forward."""
-WITNESSES = 5
-"""Messages of each stream of tracks and IMU after which the clocks are chosen."""
-LONGEST_WAIT = 2.0
-"""Time after the first message at which the clocks are chosen at the latest [s]."""
-PROMPT = 0.9
-"""Quantile of header stamp minus arrival that stands for a stream: few messages arrive sooner."""
+PURPOSES = ("tracks", "imu", "fixes", "heading")  # streams that a live estimator uses
+WATCHED = ("tracks", "imu")  # streams whose stamps show that a clock was set forward
+WITNESSES = 5  # messages of each stream of tracks and IMU after which the clocks are chosen
+LONGEST_WAIT = 2.0  # time after the first message at which the clocks are chosen at the latest [s]
+PROMPT = 0.9  # quantile of header stamp minus arrival that stands for a stream [-]
 LEFT_OVER, AHEAD = 2 * NANOSECONDS, NANOSECONDS
 """Time after the clock went back in which messages so far ahead are left over [ns]."""
-TRANSFORM_MEMORY = 2 * NANOSECONDS
-"""Age of the oldest transforms between which live poses are interpolated [ns]."""
+TRANSFORM_MEMORY = 2 * NANOSECONDS  # age of the oldest transforms that are kept [ns]
 
 
 class Subscription(NamedTuple):
@@ -173,10 +167,10 @@ class LiveInputs:
             side = stream.side(subscription.topic)
             arrived = self._arrived(side, msgtype, message, arrival)
         self.clock_step = 0
-        arrived = [self._stamped(one) for one in arrived]
+        arrived = [self._stamped(row) for row in arrived]
         if subscription.purpose in WATCHED:
-            passed = arrival if steady is None else steady
-            arrived = [found for one in arrived for found in self._watched(one, passed)]
+            steady = arrival if steady is None else steady
+            arrived = [ready for row in arrived for ready in self._watched(row, steady)]
         if not arrived:
             return []
         self._waiting += arrived
@@ -245,27 +239,28 @@ class LiveInputs:
             for stamp, row in zip(stamps[new].tolist(), rows[new].tolist(), strict=True)
         ]
 
-    def _stamped(self, one: _Arrived) -> _Arrived:
+    def _stamped(self, arrived: _Arrived) -> _Arrived:
         """Convert the arrival to the clock of the headers where it serves as the stamp."""
-        if self._is_by_header(one):
-            header = one.arrival + self._ahead_ns if one.header is None else one.header
-            return one._replace(header=header)
+        converted = arrived.arrival + self._ahead_ns
+        if self._is_by_header(arrived):
+            return arrived._replace(header=converted) if arrived.header is None else arrived
         if abs(self._ahead_ns) * NANOSECOND <= CLOCKS_APART:
-            return one
-        return one._replace(arrival=one.arrival + self._ahead_ns)
+            return arrived
+        return arrived._replace(arrival=converted)
 
-    def _is_by_header(self, one: _Arrived) -> bool:
-        choice = self.clocks.get(one.purpose)
+    def _is_by_header(self, arrived: _Arrived) -> bool:
+        choice = self.clocks.get(arrived.purpose)
         return choice is not None and choice.clock == "header"
 
-    def _watched(self, one: _Arrived, steady: int) -> list[_Arrived]:
+    def _watched(self, arrived: _Arrived, steady: int) -> list[_Arrived]:
         """Messages, held back until it is certain whether a clock was set forward."""
-        if one.purpose not in self.clocks:
-            return [one]
-        stamp = one.header if self._is_by_header(one) and one.header is not None else one.arrival
-        watched = self._watch.take(one.purpose, stamp, steady, one)
+        if arrived.purpose not in self.clocks:
+            return [arrived]
+        stamp = arrived.header if self._is_by_header(arrived) else None
+        stamp = arrived.arrival if stamp is None else stamp
+        watched = self._watch.take(arrived.purpose, stamp, steady, arrived)
         for _ in range(watched.lost):
-            self._lose(one.purpose, "stamp far ahead")
+            self._lose(arrived.purpose, "stamp far ahead")
         self.clock_step = watched.step
         for ready in watched.ready:
             if self._is_by_header(ready) and ready.header is not None:
@@ -290,9 +285,10 @@ class LiveInputs:
 
     def _ready(self, now: int) -> list[Measurement]:
         """Measurements of all waiting messages; none until the clock of each is chosen."""
-        if not all(one.purpose in self.clocks for one in self._waiting) and not self._choose(now):
+        has_clocks = all(waiting.purpose in self.clocks for waiting in self._waiting)
+        if not has_clocks and not self._choose(now):
             return []
-        ready = [found for one in self._waiting for found in self._measurements(one)]
+        ready = [found for waiting in self._waiting for found in self._measurements(waiting)]
         self._waiting.clear()
         return ready
 
@@ -303,10 +299,11 @@ class LiveInputs:
         is busy at the start takes the messages of one topic seconds after those of another.
         """
         watched = WATCHED if self.mapping.imu else ("tracks",)
-        counts = {name: sum(one.purpose == name for one in self._waiting) for name in watched}
-        known = all(name in self.clocks for name in watched)
+        purposes = [waiting.purpose for waiting in self._waiting]
+        counts = {name: purposes.count(name) for name in watched}
+        are_chosen = all(name in self.clocks for name in watched)
         waited = (now - (self._begun or now)) * NANOSECOND
-        may_wait = not known and waited < LONGEST_WAIT
+        may_wait = not are_chosen and waited < LONGEST_WAIT
         if may_wait and min(counts.values()) < WITNESSES:
             return False
         evidence = self._evidence()
@@ -320,32 +317,33 @@ class LiveInputs:
         """Evidence about the clocks of the streams, those that are chosen included."""
         evidence = {}
         for purpose, stream in self._streams.items():
-            rows = [one for one in self._waiting if one.purpose == purpose]
+            rows = [waiting for waiting in self._waiting if waiting.purpose == purpose]
             if purpose in self.clocks:
                 evidence[purpose] = Evidence(stream.topic, stream.time, 0.0)
             elif rows:
-                offsets = [one.header - one.arrival for one in rows if one.header is not None]
+                offsets = [row.header - row.arrival for row in rows if row.header is not None]
                 offset = None if len(offsets) < len(rows) else _prompt_offset(offsets)
-                constant = len(rows) > 1 and len({one.header for one in rows}) == 1
+                constant = len(rows) > 1 and len({row.header for row in rows}) == 1
                 evidence[purpose] = Evidence(stream.topic, stream.time, offset, constant)
         return evidence
 
     # --- measurements ------------------------------------------------------------------------------
 
-    def _measurements(self, one: _Arrived) -> Iterator[Measurement]:
+    def _measurements(self, arrived: _Arrived) -> Iterator[Measurement]:
         """Measurements of a message, at its stamp less the latency of its stream."""
-        clock: Literal["header", "recording"] = self.clocks[one.purpose].clock
-        mapped = getattr(self.mapping, one.purpose)
-        stamp = one.arrival if clock == "recording" or one.header is None else one.header
+        _, msgtype, header, arrival, row = arrived
+        is_recording = self.clocks[arrived.purpose].clock == "recording"
+        mapped = getattr(self.mapping, arrived.purpose)
+        stamp = arrival if is_recording or header is None else header
         stamp -= round(mapped.latency / NANOSECOND)
-        rows = np.array([one.row], dtype=float)
-        match one.purpose:
+        rows = np.array([row], dtype=float)
+        match arrived.purpose:
             case "tracks":
-                yield from self._tracks(stamp, rows, one.msgtype, mapped)
+                yield from self._tracks(stamp, rows, msgtype, mapped)
             case "imu":
-                yield _imu_sample(stamp, one.row)
+                yield _imu_sample(stamp, row)
             case "fixes":
-                yield from self._fix(stamp, rows, one.msgtype, mapped)
+                yield from self._fix(stamp, rows, msgtype, mapped)
             case _:
                 yield from self._heading(stamp, rows, mapped)
 
@@ -354,20 +352,21 @@ class LiveInputs:
     ) -> Iterator[Measurement]:
         """Track speeds, once all wheels have come; from positions, from the second on."""
         vehicle = self.robot.vehicle
-        read = conversions.track_values(rows, msgtype, mapped, vehicle)
-        for when, values in self._wheels.take(stamp, read.values[0], read.wrap):
-            if not read.adds_up:
-                yield _track_speeds(when, values[None], read.left)
+        wheels = conversions.wheel_values(rows, msgtype, mapped, vehicle)
+        for row_stamp, values in self._wheels.take(stamp, wheels.values[0], wheels.wrap):
+            if not wheels.are_counters:
+                yield _track_speeds(row_stamp, values, wheels.left_count)
                 continue
-            before, self._counter = self._counter, (when, values)
-            if before is None or when <= before[0]:
+            last, self._counter = self._counter, (row_stamp, values)
+            last_stamp, last_values = last or (row_stamp, values)
+            if row_stamp <= last_stamp:
                 continue
-            stamps, readings = np.array([before[0], when]), np.stack([before[1], values])
-            ends, speeds, lost = differences(stamps, readings, read.wrap, vehicle.max_track_speed)
+            stamps, readings = np.array([last_stamp, row_stamp]), np.stack([last_values, values])
+            ends, speeds, lost = differences(stamps, readings, wheels.wrap, vehicle.max_track_speed)
             for reason in lost:
                 self._lose("tracks", reason)
-            for k, end in enumerate(ends.tolist()):
-                yield _track_speeds(end, speeds[k : k + 1], read.left)
+            for end, wheel_speeds in zip(ends.tolist(), speeds, strict=True):
+                yield _track_speeds(end, wheel_speeds, wheels.left_count)
 
     def _fix(self, stamp: int, rows: Any, msgtype: str, mapped: FixTopic) -> Iterator[Measurement]:
         if msgtype == NAVSATFIX or mapped.latitude:
@@ -383,7 +382,7 @@ class LiveInputs:
             variances = np.array([[rows[0, 3], np.nan]])
             heights = rows[:, 2] - self.origin[2]
         else:
-            poses, variances, heights = planar_poses(rows), rows[:, 6:8].copy(), rows[:, 11]
+            poses, variances, heights = planar_poses(rows), rows[:, VARIANCES].copy(), rows[:, Z]
         if conversions.fill_variances(variances, mapped).any():
             self._lose("fixes", "no covariance, and no position_sigma given")
             return
@@ -402,12 +401,13 @@ class LiveInputs:
         yield HeadingFix(stamp, float(yaw[0]), float(variances[0]))
 
 
-def _track_speeds(stamp: int, speeds: Floats, left: int) -> TrackSpeeds:
-    """Track speeds from wheel speeds (1, k), the first `left` of the left side."""
-    (of_left, of_right), wheels = mean_of_sides(speeds, left)[0].tolist(), tuple(speeds[0].tolist())
+def _track_speeds(stamp: int, wheel_speeds: Floats, left_count: int) -> TrackSpeeds:
+    """Track speeds from wheel speeds (k,) [m/s], left wheels first."""
+    left, right = mean_of_sides(wheel_speeds[None], left_count)[0].tolist()
+    wheels = tuple(wheel_speeds.tolist())
     if len(wheels) == 2:
-        return TrackSpeeds(stamp, of_left, of_right)
-    return TrackSpeeds(stamp, of_left, of_right, wheels[:left], wheels[left:])
+        return TrackSpeeds(stamp, left, right)
+    return TrackSpeeds(stamp, left, right, wheels[:left_count], wheels[left_count:])
 
 
 def _prompt_offset(offsets: list[int]) -> float:

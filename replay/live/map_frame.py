@@ -11,7 +11,7 @@ from icreckon.estimator.base.frames import compose, rotate, wrap_angle
 from icreckon.estimator.log.measurements import HeadingFix, Measurement, PositionFix
 from icreckon.estimator.robot.settings import wander_of
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.replay.base.start import CLEAR, SOON, laid_over
+from icreckon.replay.base.start import CLEAR, SOON, align_path
 from icreckon.replay.live.base_frame import Pose
 
 MOST_WAITING, LONGEST = 1000, 300.0
@@ -66,7 +66,7 @@ class MapFrame:
         for measurement in group:
             if isinstance(measurement, HeadingFix):
                 self._heading = measurement
-        fix = next((one for one in group if isinstance(one, PositionFix)), None)
+        fix = next((part for part in group if isinstance(part, PositionFix)), None)
         if fix is None or odom.stamp is None or not _is_usable(fix):
             return
         self.estimator = self._started(fix, odom, in_odom=in_odom)
@@ -103,10 +103,10 @@ class MapFrame:
             heading = None
         wander = wander_of(odom.robot, odom.settings)
         pose, sigma = odom.pose, wander.at_start(math.sqrt(fix.variance))
-        expected = pose[:2] + rotate(lever_arm, pose[2])
-        spread = sigma + math.sqrt(float(np.trace(odom.pose_covariance[:2, :2])))
-        near = math.hypot(fix.x - expected[0], fix.y - expected[1]) <= CLEAR * spread
-        if in_odom and near and (heading is None or _agrees(heading, odom)):
+        x, y = pose[:2] + rotate(lever_arm, pose[2])
+        both_sigmas = sigma + math.sqrt(float(np.trace(odom.pose_covariance[:2, :2])))
+        is_near = math.hypot(fix.x - x, fix.y - y) <= CLEAR * both_sigmas
+        if in_odom and is_near and (heading is None or _agrees(heading, odom)):
             if not wander.sigma:
                 return odom.copy()
             # A copy would be too certain of a position that wanders: only the heading is that of odom.
@@ -121,31 +121,32 @@ class MapFrame:
         """Start by the path in `odom`, aligned with the fixes; None if it is too short."""
         while self._waiting and (fix.stamp - self._waiting[0][0].stamp) * NANOSECOND > LONGEST:
             self._waiting.popleft()
-        since = (fix.stamp - (odom.stamp or 0)) * NANOSECOND
-        self._waiting.append((fix, compose(odom.pose, odom.twist * since)))
+        seconds_since = (fix.stamp - (odom.stamp or 0)) * NANOSECOND
+        self._waiting.append((fix, compose(odom.pose, odom.twist * seconds_since)))
         fixes, poses = zip(*self._waiting, strict=True)
         reckoned = np.array(poses)
-        arms = [(fix.forward, fix.left) for fix in fixes]
-        path = reckoned[:, :2] + rotate(arms, reckoned[:, 2])
-        white = math.sqrt(float(np.median([one.variance for one in fixes])))
+        lever_arms = [(waiting.forward, waiting.left) for waiting in fixes]
+        path = reckoned[:, :2] + rotate(lever_arms, reckoned[:, 2])
+        white_sigma = math.sqrt(float(np.median([waiting.variance for waiting in fixes])))
         wander = wander_of(odom.robot, odom.settings)
         # Wander does not average out over the fixes, as white noise does.
-        sigma = math.hypot(white, math.sqrt(len(fixes)) * wander.sigma)
-        fitted = laid_over(path, np.array([(one.x, one.y) for one in fixes]), sigma)
+        fix_sigma = math.hypot(white_sigma, math.sqrt(len(fixes)) * wander.sigma)
+        positions = np.array([(waiting.x, waiting.y) for waiting in fixes])
+        fitted = align_path(path, positions, fix_sigma)
         if fitted is None:
             return None
         x, y, yaw = compose(fitted.pose, odom.pose).tolist()
-        away = float(np.hypot(*(odom.pose[:2] - path.mean(axis=0))))
-        wide = wander.at_start(white) + fitted.sigma[2] * away
+        distance = float(np.hypot(*(odom.pose[:2] - path.mean(axis=0))))
+        sigma = wander.at_start(white_sigma) + fitted.yaw_sigma * distance
         self._waiting.clear()
-        return odom.restarted((x, y, yaw), (wide, wide, fitted.sigma[2]))
+        return odom.restarted((x, y, yaw), (sigma, sigma, fitted.yaw_sigma))
 
 
 def _agrees(heading: HeadingFix, odom: PoseEstimator) -> bool:
     """True if a heading is that of `odom`, within `CLEAR` times both sigmas."""
-    off = float(wrap_angle(heading.yaw - odom.pose[2]))
-    spread = math.sqrt(heading.variance) + math.sqrt(float(odom.pose_covariance[2, 2]))
-    return abs(off) <= CLEAR * spread
+    difference = float(wrap_angle(heading.yaw - odom.pose[2]))
+    both_sigmas = math.sqrt(heading.variance) + math.sqrt(float(odom.pose_covariance[2, 2]))
+    return abs(difference) <= CLEAR * both_sigmas
 
 
 def _is_usable(fix: PositionFix) -> bool:

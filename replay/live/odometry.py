@@ -38,8 +38,7 @@ from icreckon.replay.mapping.topics import TopicMap, topic_map, writable_topics
 FIXES = (PositionFix, HeadingFix, HeightFix)
 START_SIGMA = (0.5, 0.5, math.pi / 12.0)
 """Standard deviations of a start whose own are unknown [m, m, rad], those of AMCL."""
-LOST_SIGMA = 10_000.0
-"""Standard deviation of a position beyond which no filter recovers [m]."""
+LOST_SIGMA = 10_000.0  # standard deviation of a position beyond which no filter recovers [m]
 
 
 class LiveEstimate(NamedTuple):

@@ -9,8 +9,7 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.input_checks import Key, key_of
 from icreckon.estimator.log.measurements import Measurement
 
-JUMP = 1.0
-"""Step between two stamps beyond which the clock has jumped and nothing is held any more [s]."""
+JUMP = 1.0  # step between two stamps beyond which the clock has jumped and nothing is held any more [s]
 
 
 class _Held(NamedTuple):

@@ -4,8 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from icreckon.estimator.base.errors import nearest_hint
 
-MOST_NAMES = 8
-"""Most topics that a warning lists."""
+MOST_NAMES = 8  # most topics that a warning lists
 
 
 def silent_topic(

@@ -6,8 +6,7 @@ from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.diagnostic_status import OK, WARN, DiagnosticStatus
 
-LEAST_SPEED = 0.1
-"""Track speed from which a ratio is computed [m/s]."""
+LEAST_SPEED = 0.1  # track speed from which a ratio is computed [m/s]
 STUCK_BELOW, MOST_ETA = 0.35, 5.0
 """Share of the expected motion below which a robot is stuck, on both sides, and most steering efficiency
 that is expected [-]: where RTK shows that the robot stands, the estimate moves by up to 0.27."""

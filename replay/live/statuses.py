@@ -23,10 +23,8 @@ from icreckon.replay.live.manoeuvres import missing_manoeuvres
 from icreckon.replay.live.map_frame import MapFrame
 from icreckon.replay.live.odometry import LiveOdometry, loss_of
 
-CHANGED_LATENCY = 0.05
-"""Difference of latencies from which a latency is reported as changed [s]."""
-MANY_REJECTED = 0.1
-"""Share of rejected measurements between two reports from which a sensor is reported as WARN."""
+CHANGED_LATENCY = 0.05  # difference of latencies from which a latency is reported as changed [s]
+MANY_REJECTED = 0.1  # share of rejections since the last report that makes a sensor WARN [-]
 GYRO, IMU = "gyro", "imu"
 """Sensor whose use shows that the IMU works, and the stream that counts rejected samples."""
 
@@ -181,24 +179,21 @@ class LiveStatuses:
     def _latency(self, estimator: PoseEstimator) -> DiagnosticStatus:
         """Latencies that are used; WARN if turning shows another one of the tracks."""
         inputs, health = self._live.inputs, estimator.health.track_latency
-        mapped = {
-            one.purpose: getattr(inputs.mapping, one.purpose) for one in inputs.subscriptions()
-        }
-        values = {f"{purpose}_s": f"{one.latency:g}" for purpose, one in mapped.items()}
-        given = mapped["tracks"].latency
-        used = given + health.used
+        purposes = [subscription.purpose for subscription in inputs.subscriptions()]
+        stated = {purpose: getattr(inputs.mapping, purpose).latency for purpose in purposes}
+        values = {f"{purpose}_s": f"{latency:g}" for purpose, latency in stated.items()}
+        used = stated["tracks"] + health.used
         values["tracks_s"] = f"{used:.3f}"
         name = "icreckon: latency"
         if health.estimated is None or health.sigma is None:
             return DiagnosticStatus(OK, name, "tracks: not enough turning yet to see it", values)
-        estimated = given + health.estimated
+        estimated = stated["tracks"] + health.estimated
         values["tracks_estimated_s"] = f"{estimated:.3f} +- {health.sigma:.3f}"
         text = (
             f"tracks: {used:.2f} s taken off, turning shows {estimated:.2f} +- {health.sigma:.2f} s"
         )
-        off = abs(estimated - used)
-        wrong = off > max(CHANGED_LATENCY, BEYOND * health.sigma)
-        return DiagnosticStatus(WARN if wrong else OK, name, text, values)
+        has_changed = abs(estimated - used) > max(CHANGED_LATENCY, BEYOND * health.sigma)
+        return DiagnosticStatus(WARN if has_changed else OK, name, text, values)
 
 
 def sensor_status(name: str, sensor: SensorHealth, new: Counts) -> DiagnosticStatus:
@@ -229,22 +224,22 @@ def findings_status(
     """Status of the faults that last."""
     values = {f"{fault}: times": str(count) for fault, count in times.items()}
     values["slip_factor"] = f"{slip_factor:.2f}"
-    for one in findings:
-        title = f"{one.part or one.sensor}: {one.fault}"
-        values[f"{title}: effect"] = one.effect
-        if one.since is not None:
-            values[f"{title}: since_ns"] = str(one.since)
-        if one.size is not None:
-            values[f"{title}: size"] = f"{one.size:.3f}"
-    text = "; ".join(one.text for one in findings)
+    for finding in findings:
+        title = f"{finding.part or finding.sensor}: {finding.fault}"
+        values[f"{title}: effect"] = finding.effect
+        if finding.since is not None:
+            values[f"{title}: since_ns"] = str(finding.since)
+        if finding.size is not None:
+            values[f"{title}: size"] = f"{finding.size:.3f}"
+    text = "; ".join(finding.text for finding in findings)
     return DiagnosticStatus(WARN if text else OK, "icreckon: faults", text or "none", values)
 
 
 def named_wheels(finding: Finding, left: Sequence[str], right: Sequence[str]) -> Finding:
     """Finding with the joint's name in its text; unchanged if its part is no wheel."""
     for side, names in (("left", left), ("right", right)):
-        for k, name in enumerate(names):
-            if finding.part == f"{side} wheel {k + 1}":
+        for number, name in enumerate(names, start=1):
+            if finding.part == f"{side} wheel {number}":
                 text = finding.text.replace(finding.part, f"{finding.part} ({name})")
                 return finding._replace(text=text)
     return finding
@@ -262,14 +257,15 @@ def tilt_status(tilt: TiltHealth) -> DiagnosticStatus:
 def parameter_statuses(estimator: PoseEstimator) -> list[DiagnosticStatus]:
     """Value and standard deviation of each parameter, bias and scale, by its name."""
     sigmas = dict(zip(STATE_NAMES, np.sqrt(estimator.covariance.diagonal()), strict=False))
-    health, found = estimator.parameter_health, []
+    health_of, statuses = estimator.parameter_health, []
     for name, value in (estimator.parameters | estimator.biases).items():
         values = {"value": f"{value:.9g}", "sigma": f"{sigmas[name]:.9g}"}
-        if (one := health.get(name)) is not None and one.sigma_at_start:
-            values |= {"share": f"{one.share:.3f}", "excitation": f"{one.excitation:.3f}"}
+        health = health_of.get(name)
+        if health is not None and health.sigma_at_start:
+            values |= {"share": f"{health.share:.3f}", "excitation": f"{health.excitation:.3f}"}
         text = f"{value:.6g} +- {sigmas[name]:.2g}"
-        found.append(DiagnosticStatus(OK, name, text, values))
-    return found
+        statuses.append(DiagnosticStatus(OK, name, text, values))
+    return statuses
 
 
 def _parameters(estimator: PoseEstimator, *, fixes: bool) -> DiagnosticStatus:

@@ -21,7 +21,7 @@ from icreckon.estimator.base.checks import (
     require_wander,
 )
 from icreckon.replay.mapping.geodesy import check_origin
-from icreckon.replay.mapping.track_units import ADDS_UP, TrackUnit
+from icreckon.replay.mapping.track_units import COUNTER_UNITS, TrackUnit
 
 Wrap = Annotated[float, Bound("a positive number, 2**64 at most", 0.0, 2.0**64, beyond=True)]
 TimeUnit = Literal["s", "ms", "us", "ns"]
@@ -67,8 +67,8 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
             )
         if (unit == "counts") != (self.counts_per_turn is not None):
             raise ValueError('unit = "counts" and counts_per_turn need each other')
-        if self.wrap is not None and unit not in ADDS_UP:
-            sums = ", ".join(sorted(ADDS_UP))
+        if self.wrap is not None and unit not in COUNTER_UNITS:
+            sums = ", ".join(sorted(COUNTER_UNITS))
             raise ValueError(f"wrap is for what adds up ({sums}), not for {unit}")
         if self.wrap is not None and max(map(len, sides.values())) > 1:
             raise ValueError("wrap is for one counter a side: the mean of several does not wrap")

@@ -5,8 +5,9 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 
-Origin = tuple[float, float, float]
-"""Latitude, longitude [deg], altitude [m], on the WGS 84 ellipsoid."""
+Origin = tuple[
+    float, float, float
+]  # latitude, longitude [deg], altitude [m], on the WGS 84 ellipsoid
 
 
 def check_origin(origin: Origin | None) -> None:

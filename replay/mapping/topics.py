@@ -164,8 +164,7 @@ class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     fixes: FixTopic | None = None  # topic of the fixes
     truth: TruthTopic | None = None  # topics of the truth
     heading: HeadingTopic | None = None  # topic of a heading without a position
-    # columns of each stream, for logs that are tables (CSV, Parquet)
-    columns: ColumnMap | None = None
+    columns: ColumnMap | None = None  # columns of each stream, for tables (CSV, Parquet)
 
     def __post_init__(self) -> None:
         if self.truth and self.truth.tracks and not (self.tracks and self.tracks.left):

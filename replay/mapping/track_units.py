@@ -22,14 +22,10 @@ OF_SPROCKET = {
 """Rates and angles of the sprocket in rad/s and rad; counts depend on the encoder."""
 OF_GROUND = {"m/s": 1.0, "mm/s": 1e-3, "km/h": 1.0 / 3.6, "m": 1.0, "mm": 1e-3}
 """Speeds and distances of the track in m/s and m."""
-ADDS_UP = {"rad", "deg", "turns", "counts", "m", "mm"}
-"""Cumulative units, whose differences are the motion."""
-ANY_COUNTS = 1.0
-"""Counts of a turn with which counters are read until a person fills them in."""
-LONGEST_DIFFERENCE = 1.0
-"""Longest interval between two samples of a counter that gives a speed [s]."""
-TOO_FAST = 10.0
-"""A counter has jumped if its speed is more than this multiple of the fastest track's [-]."""
+COUNTER_UNITS = {"rad", "deg", "turns", "counts", "m", "mm"}  # units of counters
+ANY_COUNTS = 1.0  # counts of a turn with which counters are read until a person fills them in
+LONGEST_DIFFERENCE = 1.0  # longest interval between two samples of a counter that gives a speed [s]
+TOO_FAST = 10.0  # a counter that is faster than this many times the fastest track jumped [-]
 
 
 def metres(unit: TrackUnit, sprocket_radius: float, counts_per_turn: float | None) -> float:

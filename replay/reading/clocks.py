@@ -9,10 +9,8 @@ from typing import Literal, NamedTuple
 
 from icreckon.replay.mapping.topics import Clock
 
-CLOCKS_APART = 1.0
-"""Header stamps whose offsets differ by more than this come from different clocks [s]."""
-SAME = 0.0005
-"""Offset below which header stamps are reported as equal to the time of recording [s]."""
+CLOCKS_APART = 1.0  # header stamps with offsets further apart come from different clocks [s]
+SAME = 0.0005  # offset below which header stamps are reported as equal to the time of recording [s]
 DAY = 86_400.0
 
 

@@ -23,21 +23,19 @@ from icreckon.replay.mapping.columns import (
     TrackColumns,
 )
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, ImuTopic, TrackTopic
-from icreckon.replay.mapping.track_units import ADDS_UP, metres
+from icreckon.replay.mapping.track_units import COUNTER_UNITS, metres
 from icreckon.replay.reading.message_rows import imu_row
 from icreckon.replay.reading.stream import RowReader
 
 RADIANS = {"rad": 1.0, "deg": math.pi / 180.0}
-STANDARD_GRAVITY = 9.80665
-"""Acceleration of a unit g [m/s²]."""
+STANDARD_GRAVITY = 9.80665  # acceleration of a unit g [m/s²]
 RATES: dict[RateUnit, float] = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "mdps": math.pi / 180e3}
 ACCELERATIONS: dict[AccelerationUnit, float] = {
     "m/s2": 1.0,
     "g": STANDARD_GRAVITY,
     "mg": 1e-3 * STANDARD_GRAVITY,
 }
-NO_HEADING_VARIANCE = 1e3
-"""Yaw variance [rad²] from which a fix is assumed to have no heading."""
+NO_HEADING_VARIANCE = 1e3  # yaw variance [rad²] from which a fix is assumed to have no heading
 
 
 def imu_rows(spec: ImuTopic | ImuColumns, values: Floats) -> Floats:
@@ -103,12 +101,14 @@ def fix_heights(
     return tuple(HeightFix(stamp, z, variance) for stamp, z in rows)
 
 
-class TrackValues(NamedTuple):
-    """Speeds of tracks or of their wheels, or readings of cumulative counters."""
+class WheelValues(NamedTuple):
+    """Speeds of wheels or tracks, or readings of their cumulative counters."""
 
-    values: Floats  # (n, k) of the left wheels, then of the right ones [m/s], or [m] if they add up
-    left: int = 1  # number of those of the left side
-    adds_up: bool = False  # whether the values are counters, whose differences are the motion
+    values: (
+        Floats  # (n, k) of the left wheels, then of the right ones: speeds [m/s] or counters [m]
+    )
+    left_count: int = 1  # number of left wheels
+    are_counters: bool = False  # whether the values are counters, whose differences are the motion
     wrap: float | None = None  # range of the counters [m], or None
 
 
@@ -117,19 +117,20 @@ def track_width(msgtype: str, mapped: TrackTopic | TrackColumns) -> int:
     return 2 if msgtype in (ODOMETRY, TWIST) else len(mapped.names)
 
 
-def track_values(
+def wheel_values(
     rows: Floats, msgtype: str, mapped: TrackTopic | TrackColumns, vehicle: Vehicle
-) -> TrackValues:
+) -> WheelValues:
     """Convert the rows of `message_rows.track_readers`, or of a table."""
     if msgtype in (ODOMETRY, TWIST):
         # Forward speed [m/s] and yaw rate [rad/s] of a controller, by its own gauge.
-        own = mapped.gauge if isinstance(mapped, TrackTopic) else None
+        gauge = mapped.gauge if isinstance(mapped, TrackTopic) else None
         forward, w = (rows * mapped.scale).T
-        half = 0.5 * (vehicle.track_gauge if own is None else own) * w
-        return TrackValues(np.column_stack([forward - half, forward + half]))
+        half_difference = 0.5 * (vehicle.track_gauge if gauge is None else gauge) * w
+        return WheelValues(np.column_stack([forward - half_difference, forward + half_difference]))
     factor = mapped.scale * metres(mapped.unit, vehicle.sprocket_radius, mapped.counts_per_turn)
     wrap = None if mapped.wrap is None else mapped.wrap * factor
-    return TrackValues(rows * mapped.signs * factor, len(mapped.left), mapped.unit in ADDS_UP, wrap)
+    are_counters = mapped.unit in COUNTER_UNITS
+    return WheelValues(rows * mapped.signs * factor, len(mapped.left), are_counters, wrap)
 
 
 def fill_variances(variances: Floats, mapped: FixTopic | PoseColumns) -> NDArray[np.bool_]:
@@ -140,24 +141,26 @@ def fill_variances(variances: Floats, mapped: FixTopic | PoseColumns) -> NDArray
     `variances` (n, 2) are of each coordinate [m²] and of yaw [rad²]; NaN for unknown. Returns the (n,)
     mask of the fixes whose position variance is still unknown.
     """
-    unknown = np.isnan(variances[:, 0])
+    position_variances, yaw_variances = variances[:, 0], variances[:, 1]
+    unknown = np.isnan(position_variances)
     if mapped.position_sigma is not None:
         if mapped.wander_sigma:
-            variances[variances[:, 0] > 0.0, 0] = mapped.position_sigma**2
-        variances[unknown, 0] = mapped.position_sigma**2
+            position_variances[position_variances > 0.0] = mapped.position_sigma**2
+        position_variances[unknown] = mapped.position_sigma**2
         if mapped.heading_sigma is not None:
-            variances[unknown, 1] = mapped.heading_sigma**2
+            yaw_variances[unknown] = mapped.heading_sigma**2
         unknown = np.zeros(len(variances), dtype=bool)
     if mapped.least_sigma is not None:
-        too_good = (variances[:, 0] > 0.0) & (variances[:, 0] < mapped.least_sigma**2)
-        variances[too_good, 0] = mapped.least_sigma**2
+        least = mapped.least_sigma**2
+        position_variances[(position_variances > 0.0) & (position_variances < least)] = least
     return unknown
 
 
 def without_unknown_headings(poses: Floats, variances: Floats) -> Floats:
     """Poses (n, 3) x, y, yaw with a yaw of NaN where it has no usable variance."""
-    none = np.isnan(variances[:, 1]) | (variances[:, 1] >= NO_HEADING_VARIANCE)
-    return np.column_stack([poses[:, :2], np.where(none, np.nan, poses[:, 2])])
+    _, yaw_variances = variances.T
+    unknown = np.isnan(yaw_variances) | (yaw_variances >= NO_HEADING_VARIANCE)
+    return np.column_stack([poses[:, :2], np.where(unknown, np.nan, poses[:, 2])])
 
 
 def headings(rows: Floats, mapped: HeadingTopic | HeadingColumns) -> tuple[Floats, Floats]:

@@ -15,16 +15,22 @@ from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRI
 from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.mapping.field_paths import field_reader
-from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
-from icreckon.replay.mapping.track_units import ADDS_UP
+from icreckon.replay.mapping.topics import (
+    MAPPING_TOPIC,
+    Clock,
+    FixTopic,
+    TopicMap,
+    TrackTopic,
+    TruthTopic,
+)
+from icreckon.replay.mapping.track_units import COUNTER_UNITS
 from icreckon.replay.reading import message_rows
 from icreckon.replay.reading.conversions import imu_reader, imu_rows, pose_rows
 from icreckon.replay.reading.stream import RowReader, Stream
 from icreckon.replay.reading.tables import Table, table_streams, wanted_columns
 from icreckon.replay.reading.tf import TransformStream
 
-PROGRESS_EVERY = 2000
-"""Messages between two reports of progress."""
+PROGRESS_EVERY = 2000  # messages between two reports of progress
 
 Progress = Callable[[float], None]
 
@@ -36,8 +42,7 @@ class Gathered:
     source: str  # name of the files, for messages
     mapping: TopicMap  # the mapping that was used
     streams: dict[str, Stream] = field(default_factory=dict)  # the available streams, by purpose
-    # the available topics with their types; columns for tables
-    found: Counter[str] = field(default_factory=Counter)
+    found: Counter[str] = field(default_factory=Counter)  # topics with their types, or columns
     notes: list[str] = field(default_factory=list)  # findings about the files, for the user
     truth_source: str | None = None  # name of the truth's reference system in the files, or None
 
@@ -234,20 +239,22 @@ def wanted_streams(
         readers = message_rows.POSE_READERS | message_rows.GEODETIC_READERS
         return stream(purpose, mapped.topic, mapped.time, readers)
 
-    tracks = mapping.tracks
-    if tracks and tracks.right_topic:
+    def track_stream(tracks: TrackTopic) -> Stream:
         left, right = tracks.names[: len(tracks.left)], tracks.names[len(tracks.left) :]
-        adds_up = tracks.unit in ADDS_UP
-        of_left = message_rows.side_readers(left, 0, len(right), adds_up)
-        of_right = message_rows.side_readers(right, len(left), 0, adds_up)
-        both = stream("tracks", tracks.topic, tracks.time, *of_left)
-        both.right = stream("tracks", tracks.right_topic, tracks.time, *of_right)
-        yield both
-    elif tracks:
-        readers = message_rows.track_readers(tracks.names, tracks.unit in ADDS_UP)
+        are_counters = tracks.unit in COUNTER_UNITS
+        if tracks.right_topic:
+            left_readers = message_rows.side_readers(left, 0, len(right), are_counters)
+            right_readers = message_rows.side_readers(right, len(left), 0, are_counters)
+            both = stream("tracks", tracks.topic, tracks.time, *left_readers)
+            both.right = stream("tracks", tracks.right_topic, tracks.time, *right_readers)
+            return both
+        readers = message_rows.track_readers(tracks.names, are_counters)
         by_field = tracks.left and types.get(tracks.topic) not in readers
         reader = field_reader(tracks.names) if by_field else None
-        yield stream("tracks", tracks.topic, tracks.time, readers, reader)
+        return stream("tracks", tracks.topic, tracks.time, readers, reader)
+
+    if tracks := mapping.tracks:
+        yield track_stream(tracks)
     if imu := mapping.imu:
         if imu.names:
             reader = field_reader(imu.names, partial(imu_rows, imu))
@@ -263,7 +270,7 @@ def wanted_streams(
         if truth.twist:
             yield stream("truth twist", truth.twist, truth.time, {TWIST: message_rows.twist_row})
         if truth.tracks and tracks:
-            readers = message_rows.track_readers(tracks.names, tracks.unit in ADDS_UP)
+            readers = message_rows.track_readers(tracks.names, tracks.unit in COUNTER_UNITS)
             joints = {JOINT_STATE: readers[JOINT_STATE]}
             yield stream("truth tracks", truth.tracks, truth.time, joints)
 

@@ -124,9 +124,14 @@ POSE_READERS: dict[str, RowReader] = {
 }
 POSE_WIDTH = 12
 """Rows x, y, q_x, q_y, q_z, q_w, variance of position and of yaw, v_x, v_y, w, z; NaN for none."""
+QUATERNION, VARIANCES, TWIST, Z = (
+    slice(2, 6),
+    slice(6, 8),
+    slice(8, 11),
+    11,
+)  # columns of these rows
 
-# Truths with a smaller range of z [m], roll and pitch [rad] are planar.
-PLANAR = 1e-6
+PLANAR = 1e-6  # truths with a smaller range of z [m], roll and pitch [rad] are planar
 
 
 def planar_poses(rows: Floats) -> Floats:
@@ -136,22 +141,21 @@ def planar_poses(rows: Floats) -> Floats:
 
 def spatial_part(rows: Floats) -> Floats | None:
     """Convert `POSE_READERS` rows to (n, 3) z, roll, pitch; None if planar."""
-    found = np.column_stack([rows[:, 11], quaternion_to_rpy(_unit_quaternions(rows))[:, :2]])
-    if not len(found) or not np.isfinite(found).all() or np.ptp(found, axis=0).max() < PLANAR:
+    spatial = np.column_stack([rows[:, Z], quaternion_to_rpy(_unit_quaternions(rows))[:, :2]])
+    if not len(spatial) or not np.isfinite(spatial).all() or np.ptp(spatial, axis=0).max() < PLANAR:
         return None
-    return found
+    return spatial
 
 
 def _unit_quaternions(rows: Floats) -> Floats:
-    quaternions = rows[:, 2:6]
+    quaternions = rows[:, QUATERNION]
     with np.errstate(over="ignore"):
         norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
     norms[~((norms > 1e-6) & np.isfinite(norms))] = np.nan
     return np.asarray(quaternions / norms)
 
 
-STATUS_NO_FIX, COVARIANCE_UNKNOWN = -1, 0
-"""Constants of sensor_msgs/NavSatStatus and NavSatFix."""
+STATUS_NO_FIX, COVARIANCE_UNKNOWN = -1, 0  # constants of sensor_msgs/NavSatStatus and NavSatFix
 
 
 def _navsatfix_row(message: Any) -> Row:
@@ -168,23 +172,24 @@ GEODETIC_READERS: dict[str, RowReader] = {ros.NAVSATFIX: _navsatfix_row}
 """Rows latitude, longitude [deg], altitude [m], variance of position [m²]; NaN for unknown."""
 
 
-def _heading(orientation: Any, variance: float) -> Row:
+def _heading_row(orientation: Any, yaw_variance: float) -> Row:
+    """Row of `HEADING_READERS` from a geometry_msgs/Quaternion."""
     quaternion = np.array([orientation.x, orientation.y, orientation.z, orientation.w])
-    size = float(np.linalg.norm(quaternion))
-    if not 1e-6 < size < float("inf"):
+    norm = float(np.linalg.norm(quaternion))
+    if not 1e-6 < norm < float("inf"):
         raise UnusableError("no orientation")
-    return (float(quaternion_to_yaw(quaternion / size)), variance)
+    return (float(quaternion_to_yaw(quaternion / norm)), yaw_variance)
 
 
 def _imu_heading_row(message: Any) -> Row:
     covariance = message.orientation_covariance
     if covariance[0] == ABSENT:
         raise UnusableError("no orientation")
-    return _heading(message.orientation, covariance[8] if covariance.any() else NAN)
+    return _heading_row(message.orientation, covariance[8] if covariance.any() else NAN)
 
 
 HEADING_READERS: dict[str, RowReader] = {
     ros.IMU: _imu_heading_row,
-    ros.QUATERNION: lambda message: _heading(message.quaternion, NAN),
+    ros.QUATERNION: lambda message: _heading_row(message.quaternion, NAN),
 }
 """Rows yaw [rad], its variance [rad²]; NaN for unknown."""

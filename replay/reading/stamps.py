@@ -12,16 +12,11 @@ from numpy.typing import NDArray
 from icreckon.estimator.base.array_types import NANOSECOND, Stamps
 from icreckon.estimator.log.log import screen
 
-LATE = 1.0
-"""Stamps out of order by up to this are sorted; others are dropped and counted [s]."""
-STEP = 0.5
-"""Smallest jump of header stamps against the time of recording that may be a clock step [s]."""
-LASTING = 20
-"""Fewest consecutive messages with the new offset; shorter runs are wrong stamps, to be dropped."""
-APART = 86_400.0
-"""Longest gap in one log [s]."""
-WINDOW = 0.5
-"""Length of the windows over which samples are counted [s]."""
+LATE = 1.0  # stamps out of order by up to this are sorted; others are dropped and counted [s]
+STEP = 0.5  # smallest jump of header stamps against recording times that is a step [s]
+LASTING = 20  # fewest messages in a row with a new offset; fewer are wrong stamps
+APART = 86_400.0  # longest gap in one log [s]
+WINDOW = 0.5  # length of the windows over which samples are counted [s]
 MANY, TOO_MANY, FEWEST_WINDOWS = 1.7, 2.3, 2
 """Overlap: range of the ratio to the median number of samples [-], and the fewest windows of it."""
 
@@ -131,5 +126,8 @@ def largest_part(stamps: Stamps) -> tuple[int, int]:
 def in_both(one: list[tuple[int, int]], other: list[tuple[int, int]]) -> list[tuple[int, int]]:
     """Intersect two lists of intervals [ns], widened by `WINDOW` on each side."""
     width = round(WINDOW / NANOSECOND)
-    both = ((max(a, c), min(b, d)) for (a, b), (c, d) in product(one, other))
-    return [(begin - width, end + width) for begin, end in both if end > begin]
+    overlaps = (
+        (max(begin, other_begin), min(end, other_end))
+        for (begin, end), (other_begin, other_end) in product(one, other)
+    )
+    return [(begin - width, end + width) for begin, end in overlaps if end > begin]

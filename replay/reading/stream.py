@@ -20,12 +20,12 @@ from icreckon.replay.reading.stamps import APART, LATE, arrival_in_order, withou
 Row = tuple[float, ...]
 RowReader = Callable[[Any], Row | None]
 
-COLUMNS = "columns"
-"""Placeholder for the message type of rows from a table."""
+COLUMNS = "columns"  # placeholder for the message type of rows from a table
 
 NAN = float("nan")
-ABSENT = -1.0
-"""Element 0 of a sensor_msgs/Imu covariance whose quantity the sensor does not measure."""
+ABSENT = (
+    -1.0
+)  # element 0 of a sensor_msgs/Imu covariance whose quantity the sensor does not measure
 
 
 class UnusableError(Exception):
@@ -40,8 +40,7 @@ def unreadable(topic: str, types: Iterable[str], purpose: str, readable: Iterabl
     )
 
 
-OVERLAP = 1.0
-"""Longest overlap of two parts of one log [s]; two recordings of one robot overlap by more."""
+OVERLAP = 1.0  # longest overlap of two parts of one log [s]
 
 
 class Span(NamedTuple):
@@ -91,16 +90,14 @@ class Rows:
 class Stream:
     """Rows gathered from one topic for one purpose."""
 
-    # "tracks", "imu", "fixes", "truth", ...; the name in the counts of dropped samples
-    purpose: str
+    purpose: str  # "tracks", "imu", "fixes", "truth", ...; also in counts of dropped samples
     topic: str  # the topic
     source: str  # name of the bag, for messages
     time: Clock  # requested clock of the stamps
     # for each supported message type, the reader from a message to a row of numbers, or to None for
     # a message that is not of this stream
     readers: Mapping[str, RowReader]
-    # reader of messages of all other types; None to refuse them
-    any_reader: RowReader | None = None
+    any_reader: RowReader | None = None  # reader of all other types; None to refuse them
     definitions: Definitions = ()  # definitions of message types that the bag may lack
     msgtype: str = ""  # the type that was found, "" before the first message
     from_table: bool = False  # whether the rows come from a table

@@ -24,18 +24,16 @@ from icreckon.replay.mapping.columns import (
 from icreckon.replay.reading.conversions import RADIANS, imu_rows, pose_rows
 from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
 
-MOST_NAMED = 5
-"""Most columns that a message names."""
+MOST_NAMED = 5  # most columns that a message names
 RESOLUTIONS = [10.0**digits for digits in range(15, 5, -1)]
 """Resolutions of stamps that are looked for, from 1e6 to 0.001 s [ns]."""
-ROUNDING = 2e3
-"""Largest error of a stamp by its binary digits [ns]."""
+ROUNDING = 2e3  # largest error of a stamp by its binary digits [ns]
 SAMPLED, PLAUSIBLE_STEPS_S = ("tracks", "imu"), (5e-5, 5.0)
 """Streams of a robot's own sensors, and shortest and longest time between their samples [s]."""
-MOST_REPEATED = 0.05
-"""Share of repeated stamps that is reported."""
-LARGEST_TIME = 2.0**62
-"""Times from here on are damage: differences of them overflow int64 nanoseconds."""
+MOST_REPEATED = 0.05  # share of repeated stamps that is reported
+LARGEST_TIME = (
+    2.0**62
+)  # times from here on are damage: differences of them overflow int64 nanoseconds
 NUMBER_OR_EMPTY = r"^\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|NaN|NAN|Inf))?\s*$"
 """Cells of a column of texts that are numbers."""
 
@@ -193,30 +191,30 @@ class Table:
         import pyarrow as pa
 
         column = self._column(name, "times")
-        there = ~np.asarray(column.is_null().to_numpy(zero_copy_only=False), dtype=bool)
+        has_time = ~np.asarray(column.is_null().to_numpy(zero_copy_only=False), dtype=bool)
         if pa.types.is_timestamp(column.type):
             whole = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64())
-            return np.asarray(whole.fill_null(0).to_numpy(), dtype=np.int64), there
+            return np.asarray(whole.fill_null(0).to_numpy(), dtype=np.int64), has_time
         factor = NANOSECONDS_OF[unit]
         values = self._numbers(name)
-        there &= np.isfinite(values)
-        wraps = _wraps(values, there)
+        has_time &= np.isfinite(values)
+        wraps = _wraps(values, has_time)
         values = values + wraps
-        possible = there & (np.abs(values) < LARGEST_TIME / factor)
-        if 2 * possible.sum() < there.sum():
+        possible = has_time & (np.abs(values) < LARGEST_TIME / factor)
+        if 2 * possible.sum() < has_time.sum():
+            first = values[has_time & ~possible][0]
             raise ReplayError(
-                f"{self.path}: column {name!r} holds {values[there & ~possible][0]:.6g}, too much for "
-                f"times in {unit}; set time_unit in [log.columns]"
+                f"{self.path}: column {name!r} holds {first:.6g}, too much for times in {unit}; set "
+                "time_unit in [log.columns]"
             )
-        there = possible
         if pa.types.is_integer(column.type):
             exact = np.asarray(column.fill_null(0).cast(pa.int64()).to_numpy(), dtype=np.int64)
-            return (exact + wraps) * factor, there
+            return (exact + wraps) * factor, possible
         # Whole units first: a float of ns since 1970 would be coarse by hundreds of ns.
-        values = np.where(there, values, 0.0)
+        values = np.where(possible, values, 0.0)
         whole = np.floor(values)
-        rest = np.round((values - whole) * factor).astype(np.int64)
-        return whole.astype(np.int64) * factor + rest, there
+        fractions = np.round((values - whole) * factor).astype(np.int64)
+        return whole.astype(np.int64) * factor + fractions, possible
 
 
 def _wraps(values: Floats, there: Flags) -> Stamps:
@@ -271,20 +269,22 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
             continue
         stamps, timed = table.stamps(time, columns.time_unit)
         values = table.numbers(names)
-        own = ~np.isnan(values).all(axis=1)
+        has_value = ~np.isnan(values).all(axis=1)
+        is_kept = has_value & timed
         stream = Stream(purpose, f"columns {', '.join(names)}", str(table.path), "auto", {})
         stream.from_table = True
-        stream.lose("no time", int((own & ~timed).sum()))
-        column, kept = f"{table.path.name}: column {time!r}", stamps[own & timed]
-        notes = _coarse(column, kept), _of_unit(column, kept) if purpose in SAMPLED else None
-        stream.notes += [one for one in notes if one and all(one not in of.notes for of in found)]
+        stream.lose("no time", int((has_value & ~timed).sum()))
+        column, kept = f"{table.path.name}: column {time!r}", stamps[is_kept]
+        notes = _coarse(column, kept), _wrong_unit(column, kept) if purpose in SAMPLED else None
+        earlier_notes = {note for earlier in found for note in earlier.notes}
+        stream.notes += [note for note in notes if note and note not in earlier_notes]
         stream.msgtype, rows = _rows(spec, values)
-        stream.add(stamps[own & timed], rows[own & timed])
+        stream.add(kept, rows[is_kept])
         found.append(stream)
     return found
 
 
-def _of_unit(column: str, stamps: Stamps) -> str | None:
+def _wrong_unit(column: str, stamps: Stamps) -> str | None:
     """Note on implausible steps of a sensor's stamps (n,), or None."""
     steps = np.diff(np.unique(stamps)) * NANOSECOND
     least, most = PLAUSIBLE_STEPS_S
@@ -300,11 +300,14 @@ def _coarse(column: str, stamps: Stamps) -> str | None:
         EqualStampsError: all are equal.
     """
     times = np.unique(stamps)
-    off = [np.abs(times - np.round(times / one) * one).max(initial=0) for one in RESOLUTIONS]
-    step = next((one for one, of in zip(RESOLUTIONS, off, strict=True) if of < ROUNDING), None)
-    if step is None or len(times) > (1.0 - MOST_REPEATED) * len(stamps) or len(stamps) < 3:
+    rounded = ((step, np.round(times / step) * step) for step in RESOLUTIONS)
+    fits = (step for step, grid in rounded if np.abs(times - grid).max(initial=0) < ROUNDING)
+    resolution = next(fits, None)
+    are_distinct = len(times) > (1.0 - MOST_REPEATED) * len(stamps)
+    if resolution is None or are_distinct or len(stamps) < 3:
         return None
-    text = f"{column} has a resolution of {step * NANOSECOND:g} s: written with too few digits?"
+    seconds = resolution * NANOSECOND
+    text = f"{column} has a resolution of {seconds:g} s: written with too few digits?"
     if len(times) == 1:
         raise EqualStampsError(f"{text} All {len(stamps)} times are {times[0] * NANOSECOND:.6g} s")
     return f"{OF_STAMPS}{text} {1.0 - len(times) / len(stamps):.0%} of its times are repeated"

@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -14,15 +14,18 @@ from icreckon.replay.bags.records import Record
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.reading.stream import NAN, RowReader, Rows, Stream
 
-LONGEST_INTERPOLATION = 1.0
-"""Longest interval between two transforms over which poses are interpolated [s]."""
+LONGEST_INTERPOLATION = 1.0  # longest interval over which poses are interpolated [s]
 WIDTH = 7
-STAYS = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-"""Transform of a frame to itself."""
+STAYS = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # transform of a frame to itself
 
 Link = tuple[str, str]
-Poses = tuple[Floats, Any]
-"""(n, 3) translations [m] and n of scipy's rotations; one pose stands for all."""
+
+
+class _Poses(NamedTuple):
+    """Poses (n,) of a frame in another; one pose stands for all."""
+
+    translations: Floats  # (n, 3) [m]
+    rotations: Any  # n of scipy's rotations
 
 
 def _unread(_: Any) -> None:
@@ -36,11 +39,9 @@ TRANSFORM_READERS = {TF: _unread, TF_ROS1: _unread, TRANSFORM: _unread}
 class TransformStream(Stream):
     """Poses of one frame in another, from a tf topic and its `_static` companion."""
 
-    # the message types that it reads
     readers: Mapping[str, RowReader] = field(default_factory=TRANSFORM_READERS.copy)
     frames: tuple[str, str] = ("", "")  # the parent frame of the poses, and the child frame
-    # of each link x, y, z, q_x, q_y, q_z, q_w
-    _links: dict[Link, Rows] = field(default_factory=dict)
+    _links: dict[Link, Rows] = field(default_factory=dict)  # x, y, z, q_x, q_y, q_z, q_w
     _static: dict[Link, Floats] = field(default_factory=dict)
 
     @property
@@ -70,21 +71,20 @@ class TransformStream(Stream):
                 f"{self.frames[1]!r} are static, so they show no motion"
             )
         series = {link: self._series(link, clock) for link in moving}
-        slowest = min(moving, key=lambda link: len(series[link][0]))
-        stamps = series[slowest][0]
-        pose = _poses(np.tile(STAYS, (len(stamps), 1)))
+        stamps = min((link_stamps for link_stamps, _ in series.values()), key=len)
+        poses = _poses(np.tile(STAYS, (len(stamps), 1)))
         known = np.ones(len(stamps), dtype=bool)
         for link, forward in chain:
             if link in series:
-                step, there = _interpolated(*series[link], stamps)
-                known &= there
+                step, is_known = _interpolated(*series[link], stamps)
+                known &= is_known
             else:
                 step = _poses(self._static[link][None])
-            pose = _composed(pose, step if forward else _inverse(step))
+            poses = _composed(poses, step if forward else _inverse(step))
         self.lose("tf: no transforms near in time", int((~known).sum()))
-        unknown = np.full((len(stamps), 5), NAN)
-        rows = np.column_stack([pose[0][:, :2], pose[1].as_quat(), unknown, pose[0][:, 2]])
-        return stamps[known], rows[known]
+        # Variances and twist are unknown.
+        unknown, (xy, z) = np.full((len(stamps), 5), NAN), np.split(poses.translations, [2], axis=1)
+        return stamps[known], np.column_stack([xy, poses.rotations.as_quat(), unknown, z])[known]
 
     def _take(self, record: Record, message: Any) -> None:
         self.add_transforms(record.channel.topic, record.time, message)
@@ -132,24 +132,25 @@ class TransformStream(Stream):
     def _chain(self) -> list[tuple[Link, bool]]:
         """Links from the first frame to the second, and whether each is traversed forward."""
         start, goal = (frame.strip("/") for frame in self.frames)
-        known = [*self._links, *self._static]
-        came: dict[str, tuple[str, Link, bool] | None] = {start: None}
+        links = [*self._links, *self._static]
+        # Breadth-first search; of each frame the one before it, and the link between.
+        reached_by: dict[str, tuple[str, Link, bool] | None] = {start: None}
         queue = deque([start])
-        while queue and goal not in came:
-            here = queue.popleft()
-            for link in known:
+        while queue and goal not in reached_by:
+            frame = queue.popleft()
+            for link in links:
                 for source, target, forward in ((*link, True), (*link[::-1], False)):
-                    if source == here and target not in came:
-                        came[target] = (here, link, forward)
+                    if source == frame and target not in reached_by:
+                        reached_by[target] = (frame, link, forward)
                         queue.append(target)
-        if goal not in came:
-            there = ", ".join(f"{parent} -> {child}" for parent, child in sorted(known))
+        if goal not in reached_by:
+            found = ", ".join(f"{parent} -> {child}" for parent, child in sorted(links))
             raise ReplayError(
                 f"{self.source}: topic {self.topic!r}: no chain of transforms from {start!r} to "
-                f"{goal!r}; there is {there or 'none at all'}"
+                f"{goal!r}; there is {found or 'none at all'}"
             )
         chain = []
-        while (step := came[goal]) is not None:
+        while (step := reached_by[goal]) is not None:
             goal, link, forward = step
             chain.append((link, forward))
         return chain[::-1]
@@ -160,32 +161,35 @@ class TransformStream(Stream):
         return stamps, rows[first]
 
 
-def _interpolated(stamps: Stamps, rows: Floats, wanted: Stamps) -> tuple[Poses, Any]:
-    """Interpolate the poses of a link at stamps; also return the mask of valid ones."""
+def _interpolated(stamps: Stamps, rows: Floats, wanted: Stamps) -> tuple[_Poses, Any]:
+    """Interpolate the poses of a link at wanted stamps; also the mask of valid ones."""
     from scipy.spatial.transform import Slerp
 
-    within = (wanted >= stamps[0]) & (wanted <= stamps[-1])
+    is_within = (wanted >= stamps[0]) & (wanted <= stamps[-1])
     after = np.clip(np.searchsorted(stamps, wanted), 0, len(stamps) - 1)
     before = np.maximum(after - 1, 0)
     gap = (stamps[after] - stamps[before]) * NANOSECOND
-    there = within & ((stamps[after] == wanted) | (gap <= LONGEST_INTERPOLATION))
-    seconds = (stamps - stamps[0]) * NANOSECOND
-    at = np.clip((wanted - stamps[0]) * NANOSECOND, 0.0, seconds[-1])
-    places, turns = _poses(rows)
-    places = np.column_stack([np.interp(at, seconds, column) for column in places.T])
-    return (places, Slerp(seconds, turns)(at) if len(stamps) > 1 else turns), there
+    is_known = is_within & ((stamps[after] == wanted) | (gap <= LONGEST_INTERPOLATION))
+    times = (stamps - stamps[0]) * NANOSECOND
+    wanted_times = np.clip((wanted - stamps[0]) * NANOSECOND, 0.0, times[-1])
+    translations, rotations = _poses(rows)
+    columns = [np.interp(wanted_times, times, column) for column in translations.T]
+    if len(stamps) > 1:
+        rotations = Slerp(times, rotations)(wanted_times)
+    return _Poses(np.column_stack(columns), rotations), is_known
 
 
-def _poses(rows: Floats) -> Poses:
+def _poses(rows: Floats) -> _Poses:
     from scipy.spatial.transform import Rotation
 
-    return rows[:, :3], Rotation.from_quat(rows[:, 3:])
+    return _Poses(rows[:, :3], Rotation.from_quat(rows[:, 3:]))
 
 
-def _composed(first: Poses, second: Poses) -> Poses:
-    return first[0] + first[1].apply(second[0]), first[1] * second[1]
+def _composed(first: _Poses, second: _Poses) -> _Poses:
+    turned = first.rotations.apply(second.translations)
+    return _Poses(first.translations + turned, first.rotations * second.rotations)
 
 
-def _inverse(pose: Poses) -> Poses:
-    back = pose[1].inv()
-    return -back.apply(pose[0]), back
+def _inverse(poses: _Poses) -> _Poses:
+    inverse = poses.rotations.inv()
+    return _Poses(-inverse.apply(poses.translations), inverse)

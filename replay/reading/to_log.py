@@ -19,17 +19,29 @@ from icreckon.replay.base.errors import OF_ROBOT_FILE, OF_STAMPS, ReplayError
 from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
 from icreckon.replay.mapping.topics import TrackTopic
-from icreckon.replay.mapping.track_units import ADDS_UP, ANY_COUNTS, counter_range, differences
+from icreckon.replay.mapping.track_units import (
+    ANY_COUNTS,
+    COUNTER_UNITS,
+    counter_range,
+    differences,
+)
 from icreckon.replay.reading import conversions
 from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
 from icreckon.replay.reading.gather import Gathered
-from icreckon.replay.reading.message_rows import POSE_WIDTH, JointReader, planar_poses, spatial_part
+from icreckon.replay.reading.message_rows import (
+    POSE_WIDTH,
+    TWIST,
+    VARIANCES,
+    JointReader,
+    Z,
+    planar_poses,
+    spatial_part,
+)
 from icreckon.replay.reading.stamps import doubled_times, in_both, largest_part
 from icreckon.replay.reading.stream import NAN, Stream
 from icreckon.replay.reading.wheels import interpolated, of_sides
 
-OVERLAID = ("tracks", "imu")
-"""Streams that indicate a clock set back if both have twice their rate."""
+OVERLAID = ("tracks", "imu")  # streams that indicate a clock set back if both have twice their rate
 
 
 def assemble(gathered: Gathered, robot: Robot, name: str) -> Log:
@@ -61,8 +73,7 @@ class _Assembly:
     _overlaid: list[tuple[int, int]] = field(default_factory=list)
     _part: tuple[int, int] = (0, 0)
     _span: tuple[int, int] | None = None  # first and last stamp of tracks and IMU [ns]
-    # Origin of the fixes, if they are geodetic.
-    _origin: Origin | None = None
+    _origin: Origin | None = None  # origin of the fixes, if they are geodetic
     _heights: tuple[HeightFix, ...] = ()
 
     def log(self, name: str) -> Log:
@@ -177,43 +188,52 @@ class _Assembly:
         return keep
 
     def _tracks(self, stream: Stream) -> series.TrackSpeedSeries | None:
-        vehicle, spec = self.robot.vehicle, self._spec(stream)
+        """Track speeds, measured or true; None if no true ones are usable."""
+        vehicle, spec, is_truth = self.robot.vehicle, self._spec(stream), stream.purpose != "tracks"
         stamps, rows = self._arrays(stream, conversions.track_width(stream.msgtype, spec))
-        if stream.purpose == "truth tracks":
+        if is_truth:
             signed = rows * spec.signs * vehicle.sprocket_radius
-            read = conversions.TrackValues(signed, len(spec.left))
+            wheels = conversions.WheelValues(signed, len(spec.left))
         else:
-            read = conversions.track_values(rows, stream.msgtype, spec, vehicle)
-        stamps, values = interpolated(stamps, read.values, read.wrap)
+            wheels = conversions.wheel_values(rows, stream.msgtype, spec, vehicle)
+        stamps, values = interpolated(stamps, wheels.values, wheels.wrap)
         keep = self._screened(stream, stamps, values)
         stamps, values = stamps[keep], values[keep]
-        if stream.purpose == "tracks":
+        if not is_truth:
             self.notes += _wrap_notes(rows, spec)
-        if read.adds_up and len(stamps):
-            has_scale = spec.counts_per_turn != ANY_COUNTS
-            fastest = vehicle.max_track_speed if has_scale else math.inf
-            stamps, values, lost = differences(stamps, values, read.wrap, fastest)
-            for reason, count in lost.items():
-                stream.lose(reason, count)
-            if not len(stamps):
-                self.notes.append(
-                    f"no usable difference for {stream.purpose} on topic {stream.topic!r}"
-                )
+        if wheels.are_counters and len(stamps):
+            stamps, values = self._counter_speeds(stream, stamps, values, wheels.wrap)
         if len(stamps):
-            tracks, notes = of_sides(stamps, values, read.left, spec.names, vehicle.max_track_speed)
-            self.notes += notes if stream.purpose == "tracks" else []
+            fastest = vehicle.max_track_speed
+            tracks, notes = of_sides(stamps, values, wheels.left_count, spec.names, fastest)
+            self.notes += [] if is_truth else notes
             return tracks
-        if stream.purpose == "tracks":
-            why = self.notes[-1].removeprefix(OF_ROBOT_FILE)
-            raise ReplayError(f"{stream.source}: {why}{self._joints_hint(stream)}")
-        return None
+        if is_truth:
+            return None
+        reason = self.notes[-1].removeprefix(OF_ROBOT_FILE)
+        raise ReplayError(f"{stream.source}: {reason}{self._joints_hint(stream)}")
+
+    def _counter_speeds(
+        self, stream: Stream, stamps: Stamps, counters: Floats, wrap: float | None
+    ) -> tuple[Stamps, Floats]:
+        """Stamps (m,) and wheel speeds (m, k) [m/s] from counters (n, k) [m]."""
+        has_scale = self._spec(stream).counts_per_turn != ANY_COUNTS
+        fastest = self.robot.vehicle.max_track_speed if has_scale else math.inf
+        stamps, speeds, lost = differences(stamps, counters, wrap, fastest)
+        for reason, count in lost.items():
+            stream.lose(reason, count)
+        if not len(stamps):
+            self.notes.append(
+                f"no usable difference for {stream.purpose} on topic {stream.topic!r}"
+            )
+        return stamps, speeds
 
     def _joints_hint(self, stream: Stream) -> str:
         reader, mapped = stream.readers.get(JOINT_STATE), self.gathered.mapping.tracks
         if stream.msgtype != JOINT_STATE or mapped is None or not isinstance(reader, JointReader):
             return ""
         wanted, found = ", ".join(mapped.names), ", ".join(sorted(reader.seen))
-        field_name = "positions" if mapped.unit in ADDS_UP else "velocities"
+        field_name = "positions" if mapped.unit in COUNTER_UNITS else "velocities"
         return (
             f"; wanted are the {field_name} of the joints {wanted}, found were "
             f"{found or 'no joints'}"
@@ -234,23 +254,24 @@ class _Assembly:
             stamps, poses, variances, heights = self._geodetic(stream, spec.origin)
         else:
             stamps, rows = self._arrays(stream, POSE_WIDTH)
-            poses, variances, heights = planar_poses(rows), rows[:, 6:8].copy(), rows[:, 11]
-        unknown = conversions.fill_variances(variances, spec)
-        where = "[log.columns.fixes]" if stream.from_table else "[log.fixes]"
-        if len(stamps) and unknown.all():
+            poses, variances, heights = planar_poses(rows), rows[:, VARIANCES].copy(), rows[:, Z]
+        no_variance = conversions.fill_variances(variances, spec)
+        if len(stamps) and no_variance.all():
+            table = "[log.columns.fixes]" if stream.from_table else "[log.fixes]"
             raise ReplayError(
                 f"{stream.source}: topic {stream.topic!r}: the fixes carry no covariance; give "
                 "position_sigma [m], and heading_sigma [rad] if their heading is to be used, in "
-                f"{where}"
+                f"{table}"
             )
-        if unknown.any():
-            stream.lose("no covariance, and no position_sigma given", int(unknown.sum()))
-            stamps, poses, variances = stamps[~unknown], poses[~unknown], variances[~unknown]
-            heights = heights[~unknown]
+        stream.lose("no covariance, and no position_sigma given", int(no_variance.sum()))
+        stamps, poses = stamps[~no_variance], poses[~no_variance]
+        variances, heights = variances[~no_variance], heights[~no_variance]
         poses = conversions.without_unknown_headings(poses, variances)
-        no_heading = np.isnan(poses[:, 2])
-        needed = np.where(no_heading[:, None], variances[:, :1], variances)
-        keep = self._screened(stream, stamps, poses[:, :2], positive=needed)
+        position_variance, yaw_variance = variances.T
+        # A fix without heading needs no positive yaw variance.
+        yaw_variance = np.where(np.isnan(poses[:, 2]), position_variance, yaw_variance)
+        used_variances = np.column_stack([position_variance, yaw_variance])
+        keep = self._screened(stream, stamps, poses[:, :2], positive=used_variances)
         if not keep.any():
             return None
         self._heights = conversions.fix_heights(stamps[keep], heights[keep], spec)
@@ -269,9 +290,10 @@ class _Assembly:
         possible = on_globe(rows) | ~np.isfinite(rows[:, :2]).all(axis=1)
         stream.lose("not a place on the globe", int((~possible).sum()))
         stamps, rows = stamps[possible], rows[possible]
-        finite = np.isfinite(rows[:, :2]).all(axis=1)
+        places, variances = rows[:, :3], rows[:, 3]
+        finite = np.isfinite(places[:, :2]).all(axis=1)
         if origin is None and finite.any():
-            latitude, longitude, altitude = rows[finite][0, :3].tolist()
+            latitude, longitude, altitude = places[finite][0].tolist()
             origin = (latitude, longitude, altitude if math.isfinite(altitude) else 0.0)
             self.notes.append(
                 f"positions of the {stream.purpose} are in metres east and north of the first one, "
@@ -281,9 +303,9 @@ class _Assembly:
         self._origin = origin
         poses = np.full((len(stamps), 3), NAN)
         if origin is not None:
-            poses[finite, :2] = east_north(rows[finite, :3], origin)
-        heights = rows[:, 2] - (0.0 if origin is None else origin[2])
-        return stamps, poses, np.column_stack([rows[:, 3], np.full(len(rows), NAN)]), heights
+            poses[finite, :2] = east_north(places[finite], origin)
+        heights = places[:, 2] - (0.0 if origin is None else origin[2])
+        return stamps, poses, np.column_stack([variances, np.full(len(rows), NAN)]), heights
 
     def _headings(self, stream: Stream) -> tuple[HeadingFix, ...]:
         mapped = self._spec(stream)
@@ -307,7 +329,7 @@ class _Assembly:
             twists, rows = np.full_like(poses, NAN), np.empty((0, POSE_WIDTH))
         else:
             stamps, rows = self._arrays(stream, POSE_WIDTH)
-            poses, twists = planar_poses(rows), rows[:, 8:11]
+            poses, twists = planar_poses(rows), rows[:, TWIST]
         headings = bool(np.isfinite(poses[:, 2]).any())
         keep = self._screened(stream, stamps, poses if headings else poses[:, :2])
         if not keep.any():
@@ -337,7 +359,7 @@ class _Assembly:
 
 def _wrap_notes(rows: Floats, mapped: TrackTopic | TrackColumns) -> Iterator[str]:
     """Note a range of counters that their readings contradict."""
-    if mapped.unit not in ADDS_UP or not len(rows):
+    if mapped.unit not in COUNTER_UNITS or not len(rows):
         return
     where, (found, span) = f"{OF_ROBOT_FILE}the counters of the tracks", counter_range(rows)
     if found is not None and mapped.wrap != found:

@@ -8,15 +8,14 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.faults.odd_wheels import AGREEMENT_TIME, LEAST_ODD_DISTANCE, least_apart
 from icreckon.estimator.log.series import TrackSpeedSeries
 
-OPPOSITE = 0.1
-"""Sum of two wheels, over their sizes, of which one counts backward [-]."""
-TOGETHER = 0.5
-"""Longest time between two messages of a wheel, between which it is interpolated [s]."""
+OPPOSITE = 0.1  # sum of two wheels, over their sizes, of which one counts backward [-]
+TOGETHER = 0.5  # longest time between two messages of a wheel, between which it is interpolated [s]
 
 
-def mean_of_sides(values: Floats, left: int) -> Floats:
-    """Means (n, 2) of the values (n, k) of the left and the right side."""
-    return np.column_stack([values[:, :left].mean(axis=1), values[:, left:].mean(axis=1)])
+def mean_of_sides(values: Floats, left_count: int) -> Floats:
+    """Means (n, 2) of the values (n, k) of the left and the right wheels."""
+    left, right = values[:, :left_count], values[:, left_count:]
+    return np.column_stack([left.mean(axis=1), right.mean(axis=1)])
 
 
 def interpolated(
@@ -37,65 +36,69 @@ def interpolated(
     known = ~np.isnan(values)
     if not len(values) or known.all(axis=1).any() or not known.any(axis=0).all():
         return stamps, values
-    at = stamps[known[:, known.sum(axis=0).argmin() if slowest is None else slowest]]
-    bridged, columns = np.ones(len(at), bool), []
+    if slowest is None:
+        slowest = int(known.sum(axis=0).argmin())
+    common = stamps[known[:, slowest]]
+    is_bridged, columns = np.ones(len(common), bool), []
     for column, present in zip(values.T, known.T, strict=True):
-        own_stamps, readings = stamps[present], column[present]
+        wheel_stamps, readings = stamps[present], column[present]
         if wrap is not None:
             readings = np.unwrap(readings, period=wrap)
-        after = np.searchsorted(own_stamps, at).clip(max=len(own_stamps) - 1)
-        before = (after - (own_stamps[after] > at)).clip(min=0)
-        bridged &= (own_stamps[before] <= at) & (at <= own_stamps[after])
-        bridged &= (own_stamps[after] - own_stamps[before]) * NANOSECOND <= TOGETHER
-        columns.append(np.interp(at - at[0], own_stamps - at[0], readings))
-    return at[bridged], np.column_stack(columns)[bridged]
+        next_row = np.searchsorted(wheel_stamps, common).clip(max=len(wheel_stamps) - 1)
+        last_row = (next_row - (wheel_stamps[next_row] > common)).clip(min=0)
+        after, before = wheel_stamps[next_row], wheel_stamps[last_row]
+        is_bridged &= (before <= common) & (common <= after)
+        is_bridged &= (after - before) * NANOSECOND <= TOGETHER
+        columns.append(np.interp(common - common[0], wheel_stamps - common[0], readings))
+    return common[is_bridged], np.column_stack(columns)[is_bridged]
 
 
 def of_sides(
-    stamps: Stamps, speeds: Floats, left: int, names: Sequence[str], fastest: float
+    stamps: Stamps, speeds: Floats, left_count: int, names: Sequence[str], fastest: float
 ) -> tuple[TrackSpeedSeries, list[str]]:
     """Compute track speeds as the means of the wheels of each side.
 
     Args:
         stamps: (n,) [ns], rising.
         speeds: (n, k) of the left wheels, then of the right ones [m/s].
-        left: number of the left ones.
+        left_count: number of left wheels.
         names: (k,) names of the wheels.
         fastest: highest speed of a track [m/s].
 
     Returns:
         Track speeds, which include the wheels' speeds if any disagree, and notes on wheels that do.
     """
-    means = mean_of_sides(speeds, left)
-    wheels = speeds[:, :left], speeds[:, left:]
-    disagree = [_range(one) > least_apart(fastest) for one in wheels]
-    if not (disagree[0].any() or disagree[1].any()):
+    means = mean_of_sides(speeds, left_count)
+    left, right = speeds[:, :left_count], speeds[:, left_count:]
+    disagree = [_spread(wheels) > least_apart(fastest) for wheels in (left, right)]
+    if not np.any(disagree):
         return TrackSpeedSeries(stamps, means), []
     intervals = np.minimum(np.diff(stamps, prepend=stamps[:1]) * NANOSECOND, AGREEMENT_TIME)
     notes = []
-    sides = zip(("left", "right"), wheels, disagree, (names[:left], names[left:]), strict=True)
-    for side, of_side, odd, of_names in sides:
-        if (_range(of_side) * intervals)[odd].sum() >= LEAST_ODD_DISTANCE:
-            seconds = float(intervals[odd].sum())
+    sides = ("left", left, names[:left_count]), ("right", right, names[left_count:])
+    for (side, wheels, wheel_names), is_apart in zip(sides, disagree, strict=True):
+        if (_spread(wheels) * intervals)[is_apart].sum() >= LEAST_ODD_DISTANCE:
+            seconds = float(intervals[is_apart].sum())
             notes.append(
                 f"wheels of the {side} side disagree for {seconds:.1f} s: "
-                + _which(of_side[odd], of_names)
+                + _odd_wheel_text(wheels[is_apart], wheel_names)
             )
-    return TrackSpeedSeries(stamps, means, *wheels), notes
+    return TrackSpeedSeries(stamps, means, left, right), notes
 
 
-def _range(wheels: Floats) -> Floats:
-    """Distance (n,) of the fastest wheel from the slowest [m/s]."""
+def _spread(wheels: Floats) -> Floats:
+    """Fastest wheel (n,) less the slowest, of speeds (n, k) [m/s]."""
     return np.ptp(wheels, axis=1) if wheels.shape[1] else np.zeros(len(wheels))
 
 
-def _which(wheels: Floats, names: Sequence[str]) -> str:
-    """Text on the wheel that is furthest from the others, by samples (n, k)."""
+def _odd_wheel_text(wheels: Floats, names: Sequence[str]) -> str:
+    """Text on the wheel that differs most from the others, by speeds (n, k) [m/s]."""
     if len(names) == 2:
-        apart = float(_range(wheels).max())
+        first, second = names
+        difference = float(_spread(wheels).max())
         opposite = np.abs(wheels.sum(axis=1)).sum() < OPPOSITE * np.abs(wheels).sum()
-        hint = f', and turn opposite ways: name a reversed one "-{names[1]}"' if opposite else ""
-        return f"{names[0]} and {names[1]} are up to {apart:.2f} m/s apart{hint}"
-    off = np.abs(wheels - np.median(wheels, axis=1, keepdims=True))
-    odd = int(off.sum(axis=0).argmax())
-    return f"{names[odd]} is up to {off[:, odd].max():.2f} m/s off"
+        hint = f', and turn opposite ways: name a reversed one "-{second}"' if opposite else ""
+        return f"{first} and {second} are up to {difference:.2f} m/s apart{hint}"
+    deviations = np.abs(wheels - np.median(wheels, axis=1, keepdims=True))
+    odd = int(deviations.sum(axis=0).argmax())
+    return f"{names[odd]} is up to {deviations[:, odd].max():.2f} m/s off"

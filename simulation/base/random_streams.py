@@ -7,8 +7,7 @@ from numpy.random import Generator, SeedSequence
 
 from icreckon.simulation.base.errors import SimulationError
 
-# NumPy accepts larger seeds; TOML and most other programs do not.
-LARGEST_SEED = 2**63 - 1
+LARGEST_SEED = 2**63 - 1  # numPy accepts larger seeds; TOML and most other programs do not
 
 
 class Streams(NamedTuple):

@@ -23,8 +23,7 @@ TIPPING_MARGIN = 1e-6
 ACTIVE_SET_ITERATIONS = 100
 LINE_SEARCH_HALVINGS = 40
 ARMIJO = 1e-4
-# Below this share of the mean load, a load is zero to rounding.
-NO_LOAD = 1e-13
+NO_LOAD = 1e-13  # below this share of the mean load, a load is zero to rounding
 # Points that touch are collinear if their moments' dimensionless determinant is below this; a ridge of
 # this share, added to the moments, keeps the step of the active-set iteration finite there.
 RIDGE = 1e-12
@@ -77,6 +76,7 @@ def point_loads(
     if abs(y.real - middle) >= reach:
         y = 0.0 * y + (middle + reach if y.real > middle else middle - reach)
         y_free = 0.0
+    # A point at (X, Y) carries its share of the pressure p_a + p_b X + p_c Y.
     inverse = ground.even
     p_a = ground.weight * (inverse[0, 0] + inverse[0, 1] * x + inverse[0, 2] * y)
     p_b = ground.weight * (inverse[1, 0] + inverse[1, 1] * x + inverse[1, 2] * y)
@@ -115,20 +115,20 @@ class PointLoads(NamedTuple):
 
 @compiled
 def add_track_forces(
-    ground: Ground, twist: Any, V: Any, pressing: PointLoads, values: Any, jacobian: Any
+    ground: Ground, twist: Any, speeds: Any, pressing: PointLoads, values: Any, jacobian: Any
 ) -> None:
     """Add the ground's force and moment (3,) on both tracks; derivatives (3, COLUMNS).
 
     Args:
         ground: the contact.
         twist: v_x, v_y [m/s], w [rad/s], as a tuple.
-        V: speeds of the left and the right track [m/s], as a tuple.
+        speeds: V_l and V_r of the left and the right track [m/s], as a tuple.
         pressing: loads of the contact points.
         values: (3,) added to [N, N, N m].
         jacobian: (3, COLUMNS) added to: by v_x, v_y, w, V_l, V_r, and the force at the centre of mass.
     """
     v_x, v_y, w = twist
-    V_l, V_r = V
+    V_l, V_r = speeds
     loads, by_right, by_forward = pressing
     count = len(ground.x) // 2
     small = ground.small
@@ -145,6 +145,7 @@ def add_track_forces(
         forward_load, forward_x, forward_y, forward_moment = zero, zero, zero, zero
         for i in range(track * count, (track + 1) * count):
             x, y, p = ground.x[i], ground.y[i], loads[i]
+            # Slip velocity times friction, its direction, and the friction force per load.
             u_x, u_y = mu_x * (v_x - y * w), mu_y * (v_y + x * w - V)
             scale = 1.0 / np.sqrt(u_x * u_x + u_y * u_y + mu_x * mu_y * small * small)
             e_x, e_y = u_x * scale, u_y * scale
@@ -218,7 +219,7 @@ def add_track_forces(
 
 @compiled
 def add_steady_balance(
-    ground: Ground, twist: Any, V: Any, pressing: PointLoads, values: Any, jacobian: Any
+    ground: Ground, twist: Any, speeds: Any, pressing: PointLoads, values: Any, jacobian: Any
 ) -> None:
     """Add to zeros the balance (3,) of steady motion and its derivatives (3, COLUMNS).
 
@@ -230,7 +231,7 @@ def add_steady_balance(
     x, y, _ = ground.centre
     right, forward = M * w * (v_y + x * w), M * w * (y * w - v_x)
     point_loads(ground, right, forward, pressing.loads, pressing.by_right, pressing.by_forward)
-    add_track_forces(ground, twist, V, pressing, values, jacobian)
+    add_track_forces(ground, twist, speeds, pressing, values, jacobian)
     values[0] += right
     values[1] += forward
     values[2] += x * forward - y * right
@@ -325,22 +326,22 @@ def newton_of_many(
     pressing = PointLoads(np.empty(count), np.empty(count), np.empty(count))
     values, jacobian = np.empty(3), np.empty((3, COLUMNS))
     step, trial = np.empty(3), np.empty(3)
-    for k in range(len(V)):
+    for pair in range(len(V)):
         step_share, merit = 1.0, np.inf
-        trial[:] = twist[k]
+        trial[:] = twist[pair]
         step[:] = 0.0
         for _ in range(steps + 1):
             values[:] = 0.0
             jacobian[:] = 0.0
-            at, speeds = (trial[0], trial[1], trial[2]), (V[k, 0], V[k, 1])
-            add_steady_balance(ground, at, speeds, pressing, values, jacobian)
+            trial_twist, speeds = (trial[0], trial[1], trial[2]), (V[pair, 0], V[pair, 1])
+            add_steady_balance(ground, trial_twist, speeds, pressing, values, jacobian)
             values *= unit
             squares = (values * values).sum()
             if squares < (1.0 - SUFFICIENT_DECREASE * step_share) * merit:
                 merit = squares
-                twist[k] = trial
-                residual[k] = np.abs(values).max()
-                if residual[k] <= tolerance:
+                twist[pair] = trial
+                residual[pair] = np.abs(values).max()
+                if residual[pair] <= tolerance:
                     break
                 for row in range(3):
                     jacobian[row] *= unit[row]
@@ -351,7 +352,7 @@ def newton_of_many(
                 step_share *= 0.5
                 if step_share <= SMALLEST_STEP:
                     break
-            trial[:] = twist[k] - step_share * step
+            trial[:] = twist[pair] - step_share * step
 
 
 @compiled
@@ -389,7 +390,7 @@ def _mobilised(
 @compiled
 def _invert_moments(ground: Ground, active: NDArray[np.bool_], inverse: Floats) -> None:
     """Compute the inverse (3, 3) of the active points' moments of 1, x, y, in place."""
-    n = s_x = s_y = xx = xy = yy = 0.0
+    n = s_x = s_y = xx = xy = yy = 0.0  # moments of 1, x, y, x², xy, y²
     for i in range(len(active)):
         if active[i]:
             share, x, y = ground.share[i], ground.x[i], ground.y[i]

@@ -12,8 +12,7 @@ from icreckon.simulation.contact.steady_state import solve_steady
 # Slow turns to both sides, with negligible inertia: speeds (left, right) in multiples of CRAWL [m/s].
 TURNS = np.array([[1.0, 2.0], [2.0, 1.0], [1.0, 1.3], [1.3, 1.0]])
 CRAWL = 0.05
-# Name of the truth in which the contact moves the robot.
-FRICTION = "friction"
+FRICTION = "friction"  # name of the truth in which the contact moves the robot
 # A warning is given if the eta0 of the file and of its contact differ by more than this factor [-].
 LARGEST_ETA_RATIO = 1.15
 

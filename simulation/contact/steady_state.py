@@ -41,8 +41,7 @@ RATIO = 0.4
 ROUGH_TOLERANCE = 1e-3
 CONTINUATION_STEPS = 5
 FINAL_STEPS = 80
-# Rising speeds: numbers of steps, coarse first.
-SPEED_STEPS = (16, 64)
+SPEED_STEPS = (16, 64)  # rising speeds: numbers of steps, coarse first
 # Spread guesses: yaw rates as shares of the ideal differential drive's; forward velocities off the mean
 # track speed, and lateral ones, as shares of half the difference of the track speeds.
 YAW_SHARES = np.linspace(0.1, 1.1, 11)
@@ -112,7 +111,7 @@ def solve_steady(
         raise SimulationError("track speeds must be finite numbers, found NaN or infinity")
     twist, residual = _solve(_guess(V, contact), V, contact)
     twist += 0.0  # turns -0.0 into 0.0, which tables would print with a sign
-    v_x, v_y, w = (part.reshape(shape) for part in twist)
+    v_x, v_y, w = (component.reshape(shape) for component in twist)
     inertia = steady_inertia(PaperTwist(*twist), contact.body)
     tipping = vertical_loads(contact, inertia[0], inertia[1]).tipping.reshape(shape)
     residual = residual.reshape(shape)
@@ -157,11 +156,11 @@ def _solve(start: Floats, V: Floats, contact: Contact) -> _Solved:
     return solved
 
 
-def _keep_better(solved: _Solved, at: NDArray[np.intp], other: _Solved) -> None:
-    """Overwrite solutions at indices `at` where the other's residual is smaller."""
-    better = other.residual < solved.residual[at]
-    solved.twist[:, at[better]] = other.twist[:, better]
-    solved.residual[at[better]] = other.residual[better]
+def _keep_better(solved: _Solved, pairs: NDArray[np.intp], other: _Solved) -> None:
+    """Overwrite the solutions of some pairs where the other's residual is smaller."""
+    is_better = other.residual < solved.residual[pairs]
+    solved.twist[:, pairs[is_better]] = other.twist[:, is_better]
+    solved.residual[pairs[is_better]] = other.residual[is_better]
 
 
 def _along_regularisation(start: Floats, V: Floats, contact: Contact) -> _Solved:
@@ -187,17 +186,18 @@ def _along_speed(V: Floats, contact: Contact, steps: int) -> _Solved:
 
 def _from_everywhere(V: Floats, contact: Contact) -> _Solved:
     """Best solution for one pair of track speeds (2, 1) from spread guesses."""
-    difference = np.abs(V[1, 0] - V[0, 0])
+    left, right = V[:, 0]
+    difference = np.abs(right - left)
     yaw, forward, lateral = np.meshgrid(YAW_SHARES, FORWARD_SHARES, LATERAL_SHARES)
-    w = yaw.ravel() * (V[1, 0] - V[0, 0]) / contact.geometry.gauge
+    w = yaw.ravel() * (right - left) / contact.geometry.gauge
+    v_x = contact.body.y_CM * w + 0.5 * difference * lateral.ravel()
     v_y = V.mean() + 0.5 * difference * forward.ravel()
-    start = np.stack([contact.body.y_CM * w + 0.5 * difference * lateral.ravel(), v_y, w])
-    V_of_each = np.repeat(V, w.size, axis=1)
-    best = _newton(start, V_of_each, contact, FINAL_STEPS, TOLERANCE)
-    if best.residual.min() > CONVERGED:
-        best = _along_regularisation(start, V_of_each, contact)
-    chosen = [int(best.residual.argmin())]
-    return _Solved(best.twist[:, chosen], best.residual[chosen])
+    guesses, repeated_V = np.stack([v_x, v_y, w]), np.repeat(V, w.size, axis=1)
+    solved = _newton(guesses, repeated_V, contact, FINAL_STEPS, TOLERANCE)
+    if solved.residual.min() > CONVERGED:
+        solved = _along_regularisation(guesses, repeated_V, contact)
+    best = [int(solved.residual.argmin())]
+    return _Solved(solved.twist[:, best], solved.residual[best])
 
 
 def _newton(start: Floats, V: Floats, contact: Contact, steps: int, tolerance: float) -> _Solved:
@@ -211,5 +211,6 @@ def _newton(start: Floats, V: Floats, contact: Contact, steps: int, tolerance: f
 
 def _guess(V: Floats, contact: Contact) -> Floats:
     """Twist (3, n) of a typical vehicle; its centre of mass moves straight ahead."""
-    w = (V[1] - V[0]) / (TYPICAL_ETA * contact.geometry.gauge)
+    left, right = V
+    w = (right - left) / (TYPICAL_ETA * contact.geometry.gauge)
     return np.stack([contact.body.y_CM * w, V.mean(axis=0), w])

@@ -24,8 +24,7 @@ from icreckon.simulation.drives.drives import TRAJECTORIES
 from icreckon.simulation.drives.recorded import recorded
 
 RECORDED = "recorded"
-# Rounding error by which a speed may exceed max_track_speed, relative to it.
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # rounding error by which a speed may exceed max_track_speed, relative to it
 
 
 class Command(Protocol):

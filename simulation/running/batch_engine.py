@@ -91,18 +91,20 @@ def block(
         runs = [first_run + begin + min(lane, used_lanes - 1) for lane in range(width)]
         truths = [_truth(cell, run) for run in runs]
         logs = [_log(cell, run, truth) for run, truth in zip(runs, truths, strict=True)]
-        absurd_lanes = [k for k in range(used_lanes) if has_absurd_readings(logs[k], slowest)]
+        absurd_lanes = [
+            lane for lane in range(used_lanes) if has_absurd_readings(logs[lane], slowest)
+        ]
         measured = _measured(logs, filters, schedule.track_stamps)
-        worked = work_through_runs(
+        results = work_through_runs(
             batch_filters, measured, schedule.steps, start=np.zeros(3), start_sigma=np.zeros(3)
         )
         ticks = zip(*(truth.ticks for truth in truths), strict=True)
-        truth = TrueTicks(*(np.stack(parts, axis=1) for parts in ticks))
+        true_ticks = TrueTicks(*(np.stack(of_lanes, axis=1) for of_lanes in ticks))
         group = slice(begin, begin + used_lanes)
-        for label, batch_filter, result in zip(values, batch_filters, worked, strict=True):
+        for label, batch_filter, result in zip(values, batch_filters, results, strict=True):
             path = side_by_side(schedule.truth_stamps, result)
-            of_path = path_statistics(path, truth, schedule.segments)
-            rows = np.stack([*of_path, *_consistency(batch_filter, result)], axis=-1)
+            errors = path_statistics(path, true_ticks, schedule.segments)
+            rows = np.stack([*errors, *_consistency(batch_filter, result)], axis=-1)
             values[label][group] = rows[:used_lanes]
             reasons[label][group] = _losses(path, times)[:used_lanes]
         for lane in absurd_lanes:

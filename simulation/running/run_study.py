@@ -62,12 +62,12 @@ def run_study(
         check_terrain(cell.scenario.terrain, 2.0 * cell.robot.vehicle.half_contact_length)
     chosen = choose_engine(plan, engine)
     if remark is not None:
-        fastest = next(iter(ENGINES.values()))  # the fastest one comes first
-        slow = None if chosen is fastest else fastest.why_not(plan)
-        if slow is not None:
-            remark(f"runs are computed one after the other, which is slow: {slow}")
+        fastest, *_ = ENGINES.values()
+        reason = None if chosen is fastest else fastest.why_not(plan)
+        if reason is not None:
+            remark(f"runs are computed one after the other, which is slow: {reason}")
         # Cells differ in what is swept: remarks on the first one stand for all.
-        first = plan.cells[0]
+        first, *_ = plan.cells
         for warning in robot_remarks(first.robot, first.scenario.truth):
             remark(warning)
     identity = manifest(plan, chosen)

@@ -18,10 +18,8 @@ from icreckon.simulation.study.cells import Cell, Plan
 from icreckon.simulation.study.failures import checked, run_by_run
 from icreckon.simulation.study.statistics import statistics
 
-# A block is not tried again after this many workers have died in it.
-MOST_TRIES = 4
-# Longest wait for blocks between checks for signals [s].
-POLL_SECONDS = 0.5
+MOST_TRIES = 4  # A block is not tried again after this many workers have died in it
+POLL_SECONDS = 0.5  # longest wait for blocks between checks for signals [s]
 # Errors of `distributed` for a dead worker; by name, as it need not be installed.
 CLUSTER_LOSSES = {"KilledWorker", "FutureCancelledError", "FuturesCancelledError"}
 

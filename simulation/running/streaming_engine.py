@@ -30,8 +30,7 @@ from icreckon.simulation.study.plan import DEFAULT_TRUTHS
 from icreckon.simulation.study.statistics import run_statistics, score_times, statistics
 from icreckon.simulation.truth.true_motion import TrueMotion
 
-# True motions kept in memory; cells of a sweep mostly share them.
-KEPT_MOTIONS = 2 * DEFAULT_TRUTHS
+KEPT_MOTIONS = 2 * DEFAULT_TRUTHS  # true motions kept in memory; cells of a sweep mostly share them
 # Keys of a scenario that do not affect the true motion.
 SENSED = (
     "noise",

@@ -133,10 +133,9 @@ def angular_velocities(motion: TrueMotion, times: Floats, window: float) -> Floa
     """Angular velocity (n, 3) of base_link in its own axes [rad/s].
 
     About z it is that of the true motion. About x and y it is the rotation of the ground under the
-    robot. A direction g that is fixed in the world changes in body axes as dg/dt = -omega x g. In axes
-    that follow the body but not its turns a about z, G = R_z(a) g changes only by the sought rates
-    O = R_z(a) omega_xy: dG_x/dt = -G_z O_y and dG_y/dt = G_z O_x. On a plane G is constant, however
-    the robot turns on it.
+    robot, which turns gravity G in axes that follow the body but not its turns about z:
+    dG_x/dt = -G_z omega_y and dG_y/dt = G_z omega_x. On a plane G is constant, however the robot
+    turns on it.
 
     Args:
         motion: the true motion.
@@ -148,11 +147,12 @@ def angular_velocities(motion: TrueMotion, times: Floats, window: float) -> Floa
     if motion.gravity is not None:
         start, end = motion.window(times, window)
         before, now, after = (
-            _unturned_gravity(motion, motion.gravity, at) for at in (start, times, end)
+            _unturned_gravity(motion, motion.gravity, instants) for instants in (start, times, end)
         )
         change = (after - before)[:, :2] / (end - start)[:, None] / now[:, 2:]
-        turns = motion.turns_at(times)
-        rates[:, :2] = rotate(np.stack([change[:, 1], -change[:, 0]], axis=-1), -turns)
+        x_change, y_change = change.T
+        unturned_rates = np.stack([y_change, -x_change], axis=-1)
+        rates[:, :2] = rotate(unturned_rates, -motion.turns_at(times))
     return rates
 
 

@@ -31,8 +31,7 @@ INERTIAL_SCALED = (
     "misalignment_sigma",
 )
 FIX_SCALED = ("sigma", "heading_sigma", "wander_sigma")
-# Parameters of an IMU grade, in this order.
-GRADED = (*INERTIAL_SCALED, "range")
+GRADED = (*INERTIAL_SCALED, "range")  # parameters of an IMU grade, in this order
 
 
 class EncoderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

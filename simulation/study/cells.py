@@ -32,8 +32,7 @@ from icreckon.simulation.truth.terrain import NEEDS, Terrain, refuse_idle_keys
 ROBOT, TRUE_ROBOT, FILTER = "robot", "true_robot", "filter"
 ROBOTS = (ROBOT, TRUE_ROBOT, FILTER)
 OUTAGE = "outage"
-# A filter takes no noise of exactly zero.
-LEAST_NOISE = 1e-9
+LEAST_NOISE = 1e-9  # A filter takes no noise of exactly zero
 # A grid's axis is logarithmic if its largest value is at least this many times the smallest.
 LOG_SPAN = 20.0
 

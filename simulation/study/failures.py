@@ -27,8 +27,7 @@ LARGEST = {
 }
 # Statistics that every run has; others are NaN in runs too short, or without such measurements.
 REQUIRED_FROM, REQUIRED_TO = "final_position_error_m", "rmse_w_rad_s"
-# Longest stored reason, in characters.
-LONGEST_REASON = 300
+LONGEST_REASON = 300  # longest stored reason, in characters
 
 
 class RunScores(NamedTuple):

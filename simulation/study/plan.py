@@ -25,8 +25,7 @@ STUDIES_FOLDER = Path(__file__).parent / "studies"
 # Default number of distinct true motions of a cell; they are the most expensive part of a run.
 DEFAULT_TRUTHS = 20
 MOST_CELLS = 100_000
-# More runs take a year, and gigabytes for their results.
-MOST_RUNS = 10_000_000
+MOST_RUNS = 10_000_000  # more runs take a year, and gigabytes for their results
 Runs = Annotated[
     int, Bound(f"a whole number from 1 to {MOST_RUNS:,} (for each cell)", 1, MOST_RUNS)
 ]
@@ -35,8 +34,7 @@ Count = Annotated[int, Bound("a whole number of at least 1", 1)]
 Horizon = Annotated[float, Bound("at least 1 s", 1.0)]
 DEFAULT_VARIANTS = ("constant-online", "inertia-online")
 SCALES = ("linear", "log")
-# Names become folders and labels columns.
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")  # names become folders and labels columns
 
 
 class LatinHypercube(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -281,10 +279,10 @@ def _check_range(key: str, found: Any) -> None:
     wanted = f"the range of {key!r} must be [lowest, highest] or [lowest, highest, scale]"
     if not isinstance(found, list | tuple) or len(found) not in (2, 3):
         raise SimulationError(f"{wanted}, found {found!r}")
-    low, high = found[:2]
+    low, high, *scales = found
     if not (is_finite(low) and is_finite(high) and low < high):
         raise SimulationError(f"{wanted}, numbers of which the second is larger, found {found!r}")
-    scale = found[2] if len(found) == 3 else "linear"
+    (scale,) = scales or ["linear"]
     if scale not in SCALES:
         raise SimulationError(
             f"{key!r} has no scale {scale!r}{nearest_hint(str(scale), [*SCALES])}"

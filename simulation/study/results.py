@@ -28,14 +28,10 @@ COMMAND = "study"
 # Preferred horizon at which drift is reported [s].
 USUAL_HORIZON = 30.0
 FINAL_ERROR = "final_position_error_m"
-# Percentiles that represent the distribution of the final error.
-PERCENTILES = tuple(range(101))
-# Number of stored distributions, of cells that lie far apart.
-MOST_DISTRIBUTIONS = 4
-# Relative difference up to which statistics of a run count as equal.
-ROUNDING = 1e-9
-# Digits of numbers used only in figures.
-SHOWN_DIGITS = 5
+PERCENTILES = tuple(range(101))  # percentiles that represent the distribution of the final error
+MOST_DISTRIBUTIONS = 4  # number of stored distributions, of cells that lie far apart
+ROUNDING = 1e-9  # relative difference up to which statistics of a run count as equal
+SHOWN_DIGITS = 5  # digits of numbers used only in figures
 
 
 @dataclass(frozen=True)
@@ -217,23 +213,24 @@ def _typical(runs: Runs) -> dict[str, Any]:
     def log_ratio(drift: Floats, counted: Any) -> float:
         """Mean over cells of the log of the ratio, over `counted` runs (mask, or True)."""
         in_both = np.isfinite(drift) & np.isfinite(baseline) & counted
-        own, other = (np.where(in_both, values, 0.0).sum(axis=1) for values in (drift, baseline))
-        has_ratio = np.asarray((own > 0.0) & (other > 0.0))
+        drift_sum = np.where(in_both, drift, 0.0).sum(axis=1)
+        baseline_sum = np.where(in_both, baseline, 0.0).sum(axis=1)
+        has_ratio = np.asarray((drift_sum > 0.0) & (baseline_sum > 0.0))
         if not has_ratio.any():
             return math.nan
-        return float(np.log(own[has_ratio] / other[has_ratio]).mean())
+        return float(np.log(drift_sum[has_ratio] / baseline_sum[has_ratio]).mean())
 
     by_label = {}
     for label, drift in zip(runs.plan.labels, drifts, strict=True):
         without_one = [log_ratio(drift, motions != motion) for motion in np.unique(motions)]
-        middle, half = log_ratio(drift, True), jackknife_half_width(np.array(without_one))
-        known = [cell[np.isfinite(cell)] for cell in drift]
-        means = [float(values.mean()) for values in known if len(values)]
+        mean_log, half_width = log_ratio(drift, True), jackknife_half_width(np.array(without_one))
+        finite_drifts = [cell[np.isfinite(cell)] for cell in drift]
+        means = [float(drifts.mean()) for drifts in finite_drifts if len(drifts)]
         by_label[label] = {
             "median_percent": float(np.median(means)) if means else np.nan,
-            "ratio": float(np.exp(middle)),
-            "ratio_low": float(np.exp(middle - half)),
-            "ratio_high": float(np.exp(middle + half)),
+            "ratio": float(np.exp(mean_log)),
+            "ratio_low": float(np.exp(mean_log - half_width)),
+            "ratio_high": float(np.exp(mean_log + half_width)),
         }
     return by_label
 

@@ -150,7 +150,7 @@ def run_statistics(run: Run, log: Log, horizons: Sequence[float]) -> Floats:
         raise ValueError("there is no truth to score against")
     path, poses, twists = run.trajectory, log.truth.poses, log.truth.twists
     stamps = shared_stamps(path, poses)
-    path_rows, twist_rows = (np.searchsorted(one.stamps, stamps) for one in (path, twists))
+    path_rows, twist_rows = (np.searchsorted(series.stamps, stamps) for series in (path, twists))
     estimate = Trajectory(
         stamps,
         interpolate_poses(path.pose_series, stamps),
@@ -180,16 +180,19 @@ def path_statistics(
     *horizons, yaw_horizon = segments
     errors = estimate.poses - truth.poses
     errors[..., 2] = wrap_angle(errors[..., 2])
+    x, y, yaw = np.moveaxis(errors, -1, 0)
     velocities = estimate.twists - truth.twists
+    drifts = [_drift(estimate, truth, horizon) for horizon in horizons]
+    _, yaw_drift = _drift(estimate, truth, yaw_horizon)
     nees_mean, nees_end = _nees(errors, estimate.pose_covariances)
     velocity_nees_mean, _ = _nees(velocities, estimate.twist_covariances)
     return [
-        *(100.0 * _drift(estimate, truth, horizon)[0] for horizon in horizons),
-        np.degrees(_drift(estimate, truth, yaw_horizon)[1]),
-        np.hypot(errors[-1, ..., 0], errors[-1, ..., 1]),
-        np.abs(errors[-1, ..., 2]),
-        _rms(np.hypot(errors[..., 0], errors[..., 1])),
-        _rms(errors[..., 2]),
+        *(100.0 * position_drift for position_drift, _ in drifts),
+        np.degrees(yaw_drift),
+        np.hypot(x[-1], y[-1]),
+        np.abs(yaw[-1]),
+        _rms(np.hypot(x, y)),
+        _rms(yaw),
         *(_rms(velocities[..., axis]) for axis in range(3)),
         nees_mean,
         nees_end,

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from icreckon.estimator.base.array_types import Floats
 
 CONFIDENCE = 0.95
-# Number of groups of neighbouring cells that summarise a sampled axis.
-GROUPS = 5
+GROUPS = 5  # number of groups of neighbouring cells that summarise a sampled axis
 
 Ints = NDArray[np.int64]
 
@@ -62,15 +61,15 @@ def summarise(
     """
     paired = values if paired is None else paired
     has_value = np.isfinite(values)
-    known, known_motions = values[has_value], motions[has_value]
+    finite, finite_motions = values[has_value], motions[has_value]
     both = np.isfinite(paired) & np.isfinite(baseline)
-    mean = mean_interval(known, known_motions, positive=True)
+    mean = mean_interval(finite, finite_motions, positive=True)
     difference = mean_interval(paired[both] - baseline[both], motions[both])
     ratio = ratio_interval(paired[both], baseline[both], motions[both])
-    median, p05, p95 = np.percentile(known, (50.0, 5.0, 95.0)) if len(known) else [math.nan] * 3
+    median, p05, p95 = np.percentile(finite, (50.0, 5.0, 95.0)) if len(finite) else [math.nan] * 3
     return Summary(
-        len(known),
-        len(np.unique(known_motions)),
+        len(finite),
+        len(np.unique(finite_motions)),
         *mean,
         float(median),
         float(p05),
@@ -142,7 +141,9 @@ def over_cells(values: Floats) -> Floats:
 
 def _half_width(residuals: Floats, motions: Ints) -> float:
     """Half-width of the interval of a mean, from residuals (n,) about it, or NaN."""
-    sums = np.bincount(np.unique(motions, return_inverse=True)[1], weights=residuals)
+    # Runs of one true motion are a cluster.
+    _, cluster_of_run = np.unique(motions, return_inverse=True)
+    sums = np.bincount(cluster_of_run, weights=residuals)
     clusters = len(sums)
     if clusters < 2:
         return math.nan  # one true motion has no spread

@@ -11,8 +11,7 @@ from icreckon.simulation.study.cells import Plan
 from icreckon.simulation.study.results import Runs
 from icreckon.simulation.study.summary import COLUMNS, Summary
 
-# Names of axis columns; the prefix keeps them apart from the others.
-AXIS = "axis:{}"
+AXIS = "axis:{}"  # names of axis columns; the prefix keeps them apart from the others
 
 
 def results_parquet(runs: Runs, cells: Sequence[list[list[Summary]]]) -> bytes:

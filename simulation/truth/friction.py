@@ -42,10 +42,8 @@ from icreckon.simulation.truth.true_motion import (
     true_motion,
 )
 
-# First-order lag of a track behind its command [s].
-TRACK_LAG = 0.1
-# Error allowed per step.
-TOLERANCE = 1e-5
+TRACK_LAG = 0.1  # first-order lag of a track behind its command [s]
+TOLERANCE = 1e-5  # error allowed per step
 # Scales of the absolute tolerance: velocities [m/s, rad/s], loads as a share of the weight, yaw [rad].
 SMALL_VELOCITY = 0.1
 SMALL_LOAD = 0.1

@@ -38,6 +38,7 @@ from icreckon.simulation.truth.surface_kernel import TrackGround, gravity_on, lo
 from icreckon.simulation.truth.terrain import PATCH_WIDTH, Surface
 
 SIZE = 6
+FORCE_RIGHT, FORCE_FORWARD, YAW = 3, 4, 5  # places in the state after those of v_x, v_y, w
 STAGES = 6
 # Coefficients of RODAS, in the form without products with the Jacobian.
 GAMMA = 0.25
@@ -193,22 +194,22 @@ def integrate(
     ground = vehicle.ground
     under_tracks = TrackGround(ground.friction, ground.rolling_resistance)
     outside_patches = TrackGround(ground.friction.copy(), ground.rolling_resistance.copy())
-    h, steps = step, 0
+    h, steps = step, 0  # length of the next step [s], and number of steps
     for k in range(len(speeds)):
         time = start + k * step
         if not surface.present:
-            pose[2] = states[k, 5]
+            pose[2] = states[k, YAW]
         place = (pose[0], pose[1], pose[2])
         look_up(patches, time, place, ground.half_gauge, outside_patches, under_tracks, slopes[k])
         if surface.present:
             p_x, p_y = tilt(surface, patches, time, pose[0], pose[1])
-            _set_slope(gravity_on(p_x, p_y, pose[2]), states[k, 5], slopes[k])
+            _set_slope(gravity_on(p_x, p_y, pose[2]), states[k, YAW], slopes[k])
         if k + 1 == len(speeds):
             break
         pressing = _pressing(ground, slopes[k])
         y = states[k + 1]
         y[:] = states[k]
-        done = 0.0
+        done = 0.0  # share of the way to the next grid point [-]
         while done < 1.0:
             rest = (1.0 - done) * step
             # A step that nearly reaches the next grid point reaches it.
@@ -319,15 +320,15 @@ def _rates(
     values, jacobian = forces.values, forces.jacobian
     values[:] = 0.0
     jacobian[:] = 0.0
-    tips = point_loads(
-        pressing, y[3], y[4], forces.loads.loads, forces.loads.by_right, forces.loads.by_forward
-    )
+    q_right, q_forward = y[FORCE_RIGHT], y[FORCE_FORWARD]
+    loads, by_right, by_forward = forces.loads
+    tips = point_loads(pressing, q_right, q_forward, loads, by_right, by_forward)
     add_track_forces(pressing, (v_x, v_y, w), V, forces.loads, values, jacobian)
-    rate[3] = (-values[0] - y[3]) / vehicle.load_lag
-    rate[4] = (-values[1] - y[4]) / vehicle.load_lag
-    rate[5] = w
+    rate[FORCE_RIGHT] = (-values[0] - q_right) / vehicle.load_lag
+    rate[FORCE_FORWARD] = (-values[1] - q_forward) / vehicle.load_lag
+    rate[YAW] = w
     x, y_CM, _ = pressing.centre
-    M, (g_right, g_forward) = pressing.mass, _in_body(slope, y[5])
+    M, (g_right, g_forward) = pressing.mass, _in_body(slope, y[YAW])
     right = M * (w * (v_y + x * w) + g_right)
     forward = M * (w * (y_CM * w - v_x) + g_forward)
     f_x, f_y = values[0] + right, values[1] + forward
@@ -353,7 +354,7 @@ def _rate_derivatives(
     by_state[:] = 0.0
     v_x, v_y, w = y[0], y[1], y[2]
     x, y_CM, _ = pressing.centre
-    M, (g_right, g_forward) = pressing.mass, _in_body(slope, y[5])
+    M, (g_right, g_forward) = pressing.mass, _in_body(slope, y[YAW])
     for column in range(SIZE):
         right = forward = f_x = f_y = moment = 0.0
         if column == 0:
@@ -362,21 +363,21 @@ def _rate_derivatives(
             right = M * w
         elif column == 2:
             right, forward = M * (v_y + 2.0 * x * w), M * (2.0 * y_CM * w - v_x)
-        elif column == 5:
+        elif column == YAW:
             right, forward = M * g_forward, -M * g_right
-        if column < 5:
+        if column < YAW:
             # The forces' Jacobian has the track speeds in columns 3 and 4.
-            j = column if column < 3 else column + 2
-            f_x, f_y, moment = jacobian[0, j], jacobian[1, j], jacobian[2, j]
-        by_state[3, column] = -f_x / vehicle.load_lag
-        by_state[4, column] = -f_y / vehicle.load_lag
+            by = column if column < 3 else column + 2
+            f_x, f_y, moment = jacobian[0, by], jacobian[1, by], jacobian[2, by]
+        by_state[FORCE_RIGHT, column] = -f_x / vehicle.load_lag
+        by_state[FORCE_FORWARD, column] = -f_y / vehicle.load_lag
         f_x, f_y, moment = f_x + right, f_y + forward, moment + x * forward - y_CM * right
         for row in range(3):
             inverse = vehicle.inverse_mass[row]
             by_state[row, column] = inverse[0] * f_x + inverse[1] * f_y + inverse[2] * moment
-    by_state[3, 3] -= 1.0 / vehicle.load_lag
-    by_state[4, 4] -= 1.0 / vehicle.load_lag
-    by_state[5, 2] = 1.0
+    by_state[FORCE_RIGHT, FORCE_RIGHT] -= 1.0 / vehicle.load_lag
+    by_state[FORCE_FORWARD, FORCE_FORWARD] -= 1.0 / vehicle.load_lag
+    by_state[YAW, 2] = 1.0
     left_rate, right_rate = speed_rate
     f_x = jacobian[0, 3] * left_rate + jacobian[0, 4] * right_rate
     f_y = jacobian[1, 3] * left_rate + jacobian[1, 4] * right_rate
@@ -384,9 +385,9 @@ def _rate_derivatives(
     for row in range(3):
         inverse = vehicle.inverse_mass[row]
         by_time[row] = inverse[0] * f_x + inverse[1] * f_y + inverse[2] * moment
-    by_time[3] = -f_x / vehicle.load_lag
-    by_time[4] = -f_y / vehicle.load_lag
-    by_time[5] = 0.0
+    by_time[FORCE_RIGHT] = -f_x / vehicle.load_lag
+    by_time[FORCE_FORWARD] = -f_y / vehicle.load_lag
+    by_time[YAW] = 0.0
 
 
 @compiled
@@ -425,6 +426,7 @@ def _speed_at(
 ) -> tuple[float, float]:
     """Speed of a track and its rate, on the cubic from grid point k, at a share of it."""
     s = share
+    # Cubic Hermite polynomials of s, and their derivatives by time.
     from_value, to_value = (1.0 + 2.0 * s) * (1.0 - s) ** 2, s * s * (3.0 - 2.0 * s)
     from_rate, to_rate = step * s * (1.0 - s) ** 2, step * s * s * (s - 1.0)
     value_rate = 6.0 * s * (s - 1.0) / step
@@ -441,7 +443,7 @@ def _speed_at(
 def _advance(pose: Floats, before: Floats, after: Floats, step: float) -> None:
     """Move x, y in odom of a pose (3,) by the mean velocity of both ends of a step."""
     for state in (before, after):
-        cos, sin = np.cos(state[5]), np.sin(state[5])
+        cos, sin = np.cos(state[YAW]), np.sin(state[YAW])
         pose[0] += 0.5 * step * (cos * state[1] + sin * state[0])
         pose[1] += 0.5 * step * (sin * state[1] - cos * state[0])
 
@@ -461,9 +463,10 @@ def _displacement(
 ) -> tuple[float, float, float]:
     """Displacement forward, left [m] and turn [rad] in a step, in axes at its start."""
     half = 0.5 * step
+    # States are to the right and forward, slips forward and to the left.
     forward = half * (before[1] + after[1] + slip_before[0] + slip_after[0])
     left = half * (slip_before[1] + slip_after[1] - before[0] - after[0])
-    turn = after[5] - before[5] + half * (slip_before[2] + slip_after[2])
+    turn = after[YAW] - before[YAW] + half * (slip_before[2] + slip_after[2])
     # The chord lies half the turn to the left of the first heading.
     cos, sin = np.cos(0.5 * turn), np.sin(0.5 * turn)
     return cos * forward - sin * left, sin * forward + cos * left, turn

@@ -52,9 +52,9 @@ class KinematicTruth:
         from icreckon.estimator.tracing.jit_kernel import entry
 
         solved = np.empty((len(speeds), 3))
-        keep = float(np.exp(-1.0 / (rate * vehicle.load_lag)))
+        decay = float(np.exp(-1.0 / (rate * vehicle.load_lag)))
         entry(lagged_twists)(
-            np.ascontiguousarray(speeds), keep, parameters.as_array(), vehicle, solved
+            np.ascontiguousarray(speeds), decay, parameters.as_array(), vehicle, solved
         )
         v_x, v_y = paper_to_rep103(solved[:, 0], solved[:, 1])
         effective_gauge = robot.vehicle.track_gauge * parameters.eta0
@@ -73,21 +73,21 @@ def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:
         spread: standard deviation of the logarithm of each factor [-].
         rng: draws the factors.
     """
-    H, *others = initial_parameters(robot, find_variant("inertia-fixed")).tolist()
-    factors = np.exp(spread * rng.standard_normal(len(others)))
-    drawn = np.array([H, *(others * factors)])
+    H, *nominal = initial_parameters(robot, find_variant("inertia-fixed")).tolist()
+    factors = np.exp(spread * rng.standard_normal(len(nominal)))
+    drawn = np.array([H, *(nominal * factors)])
     drawn[ETA0] = max(drawn[ETA0], 1.0)
     return Indices(*drawn.tolist())
 
 
 def lagged_twists(
-    speeds: Floats, keep: float, parameters: Floats, vehicle: VehicleConstants, twists: Floats
+    speeds: Floats, decay: float, parameters: Floats, vehicle: VehicleConstants, twists: Floats
 ) -> None:
     """Motion of the filter's index model on level ground, from rest.
 
     Args:
         speeds: (n, 2) track speeds at an even step [m/s].
-        keep: factor exp(-step / T) on the lagged forces.
+        decay: factor exp(-step / T) on the lagged forces [-].
         parameters: (9,) index parameters.
         vehicle: constants of the vehicle.
         twists: (n, 3) in the paper's axes, overwritten.
@@ -98,8 +98,8 @@ def lagged_twists(
     if speeds.shape[1] != 2 or twists.shape != (len(speeds), 3) or len(parameters) != COUNT:
         raise ValueError(WRONG_SIZE)
     memory, level = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0)
-    for k in range(len(speeds)):
-        V = speeds[k, 0], speeds[k, 1]
-        memory = advanced(memory, keep, V, parameters, level, vehicle)
-        twist = evaluate(V[0], V[1], parameters, level, vehicle, memory).kinematic
-        twists[k, 0], twists[k, 1], twists[k, 2] = twist.v_x, twist.v_y, twist.w
+    for row in range(len(speeds)):
+        left, right = speeds[row, 0], speeds[row, 1]
+        memory = advanced(memory, decay, (left, right), parameters, level, vehicle)
+        twist = evaluate(left, right, parameters, level, vehicle, memory).kinematic
+        twists[row, 0], twists[row, 1], twists[row, 2] = twist.v_x, twist.v_y, twist.w

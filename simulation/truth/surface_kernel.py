@@ -79,12 +79,12 @@ def look_up(
 
 @compiled
 def height(surface: Surface, x: float, y: float) -> float:
-    """Height h(x, y) of the ground [m]."""
+    """Height h(x, y) of the ground [m]; u and v are the axes of `Surface`."""
     cos, sin = surface.direction
     u, v = cos * x + sin * y, cos * y - sin * x
-    k, (along, across, _) = surface.wave_number, surface.phases
+    number, (u_phase, v_phase, _) = surface.wave_number, surface.phases
     risen, _ = _kerbs(surface, u)
-    waves = surface.waves / k * (np.sin(k * u + along) + np.sin(k * v + across))
+    waves = surface.waves / number * (np.sin(number * u + u_phase) + np.sin(number * v + v_phase))
     return float(surface.plane * u + waves + risen)
 
 
@@ -93,10 +93,10 @@ def gradient(surface: Surface, x: float, y: float) -> tuple[float, float]:
     """Gradient (p_x, p_y) of the height [-]."""
     cos, sin = surface.direction
     u, v = cos * x + sin * y, cos * y - sin * x
-    k, (along, across, _) = surface.wave_number, surface.phases
+    number, (u_phase, v_phase, _) = surface.wave_number, surface.phases
     _, rise = _kerbs(surface, u)
-    by_u = surface.plane + surface.waves * np.cos(k * u + along) + rise
-    by_v = surface.waves * np.cos(k * v + across)
+    by_u = surface.plane + surface.waves * np.cos(number * u + u_phase) + rise
+    by_v = surface.waves * np.cos(number * v + v_phase)
     return cos * by_u - sin * by_v, sin * by_u + cos * by_v
 
 
@@ -131,12 +131,13 @@ def gravity_on(p_x: float, p_y: float, yaw: float) -> Vector:
         yaw: heading of the vehicle [rad].
     """
     cos, sin = np.cos(yaw), np.sin(yaw)
-    s, t = p_x * cos + p_y * sin, p_y * cos - p_x * sin
-    ahead, all_round = 1.0 + s * s, 1.0 + s * s + t * t
+    ahead, aside = p_x * cos + p_y * sin, p_y * cos - p_x * sin  # slopes forward and left [-]
+    # Squared lengths of the vectors (1, 0, ahead) along x and (-ahead, -aside, 1) along z.
+    x_square, z_square = 1.0 + ahead * ahead, 1.0 + ahead * ahead + aside * aside
     return (
-        -GRAVITY * s / np.sqrt(ahead),
-        -GRAVITY * t / np.sqrt(ahead * all_round),
-        -GRAVITY / np.sqrt(all_round),
+        -GRAVITY * ahead / np.sqrt(x_square),
+        -GRAVITY * aside / np.sqrt(x_square * z_square),
+        -GRAVITY / np.sqrt(z_square),
     )
 
 
@@ -161,22 +162,23 @@ def ride(
     p_x, p_y = tilt(surface, patches, before, x, y)
     normal = _normal(p_x, p_y)
     cos, sin = np.cos(yaw), np.sin(yaw)
-    s = p_x * cos + p_y * sin
-    inverse_length = 1.0 / np.sqrt(1.0 + s * s)
-    ahead = (cos * inverse_length, sin * inverse_length, s * inverse_length)
+    slope = p_x * cos + p_y * sin
+    inverse_length = 1.0 / np.sqrt(1.0 + slope * slope)
+    ahead = (cos * inverse_length, sin * inverse_length, slope * inverse_length)
     left = _cross(normal, ahead)
     forward, aside, turn = displacement
     step = _sum(forward, ahead, aside, left)
+    step_x, step_y, step_z = step
     # The displacement is that of the mean attitude; the attitude after it needs the place after it.
-    p_x, p_y = tilt(surface, patches, after, x + step[0], y + step[1])
-    step_after = _carry(step, normal, _normal(p_x, p_y))
-    x += 0.5 * (step[0] + step_after[0])
-    y += 0.5 * (step[1] + step_after[1])
+    p_x, p_y = tilt(surface, patches, after, x + step_x, y + step_y)
+    later_x, later_y, later_z = _carry(step, normal, _normal(p_x, p_y))
+    x += 0.5 * (step_x + later_x)
+    y += 0.5 * (step_y + later_y)
     p_x, p_y = tilt(surface, patches, after, x, y)
     facing = _sum(np.cos(turn), ahead, np.sin(turn), left)
-    facing = _carry(facing, normal, _normal(p_x, p_y))
-    turned = np.arctan2(cos * facing[1] - sin * facing[0], cos * facing[0] + sin * facing[1])
-    return x, y, yaw + turned, 0.5 * (step[2] + step_after[2])
+    facing_x, facing_y, _ = _carry(facing, normal, _normal(p_x, p_y))
+    turned = np.arctan2(cos * facing_y - sin * facing_x, cos * facing_x + sin * facing_y)
+    return x, y, yaw + turned, 0.5 * (step_z + later_z)
 
 
 @compiled
@@ -205,16 +207,16 @@ def ride_along(
     if not sizes_fit or poses.shape != (n, 3) or gravity.shape != (n, 3):
         raise ValueError(WRONG_SIZE)
     heights[0] = 0.0
-    for k in range(n):
-        x, y, yaw = poses[k, 0], poses[k, 1], poses[k, 2]
-        p_x, p_y = tilt(surface, patches, k * step, x, y)
-        gravity[k, 0], gravity[k, 1], gravity[k, 2] = gravity_on(p_x, p_y, yaw)
-        if k + 1 < n:
-            by = (displacements[k, 0], displacements[k, 1], displacements[k, 2])
-            times = (k * step, (k + 1) * step)
-            x, y, yaw, risen = ride(surface, patches, times, (x, y, yaw), by)
-            poses[k + 1, 0], poses[k + 1, 1], poses[k + 1, 2] = x, y, yaw
-            heights[k + 1] = heights[k] + risen
+    for row in range(n):
+        x, y, yaw = poses[row, 0], poses[row, 1], poses[row, 2]
+        p_x, p_y = tilt(surface, patches, row * step, x, y)
+        gravity[row, 0], gravity[row, 1], gravity[row, 2] = gravity_on(p_x, p_y, yaw)
+        if row + 1 < n:
+            displacement = (displacements[row, 0], displacements[row, 1], displacements[row, 2])
+            times = (row * step, (row + 1) * step)
+            x, y, yaw, risen = ride(surface, patches, times, (x, y, yaw), displacement)
+            poses[row + 1, 0], poses[row + 1, 1], poses[row + 1, 2] = x, y, yaw
+            heights[row + 1] = heights[row] + risen
 
 
 @compiled
@@ -243,31 +245,27 @@ def _normal(p_x: float, p_y: float) -> Vector:
 def _carry(vector: Vector, normal: Vector, other: Vector) -> Vector:
     """Turn a vector square to a normal by the smallest rotation to another normal."""
     share = -_dot(other, vector) / (1.0 + _dot(normal, other))
-    return (
-        vector[0] + share * (normal[0] + other[0]),
-        vector[1] + share * (normal[1] + other[1]),
-        vector[2] + share * (normal[2] + other[2]),
-    )
+    (x, y, z), (n_x, n_y, n_z), (other_x, other_y, other_z) = vector, normal, other
+    return x + share * (n_x + other_x), y + share * (n_y + other_y), z + share * (n_z + other_z)
 
 
 @compiled
 def _sum(a: float, first: Vector, b: float, other: Vector) -> Vector:
     """Sum of two vectors, multiplied by a and b."""
-    return (a * first[0] + b * other[0], a * first[1] + b * other[1], a * first[2] + b * other[2])
+    (x, y, z), (other_x, other_y, other_z) = first, other
+    return a * x + b * other_x, a * y + b * other_y, a * z + b * other_z
 
 
 @compiled
 def _dot(first: Vector, other: Vector) -> float:
-    return first[0] * other[0] + first[1] * other[1] + first[2] * other[2]
+    (x, y, z), (other_x, other_y, other_z) = first, other
+    return x * other_x + y * other_y + z * other_z
 
 
 @compiled
 def _cross(first: Vector, other: Vector) -> Vector:
-    return (
-        first[1] * other[2] - first[2] * other[1],
-        first[2] * other[0] - first[0] * other[2],
-        first[0] * other[1] - first[1] * other[0],
-    )
+    (x, y, z), (other_x, other_y, other_z) = first, other
+    return y * other_z - z * other_y, z * other_x - x * other_z, x * other_y - y * other_x
 
 
 @compiled

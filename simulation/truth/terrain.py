@@ -28,8 +28,7 @@ STEEPEST = 60.0  # [deg]
 STEEPEST_ROLLING = 30.0
 # Shortest waves, as a multiple of the length over which a vehicle touches the ground.
 SHORTEST_WAVE = 4.0
-# Heaviest payload [kg].
-HEAVIEST = 1e6
+HEAVIEST = 1e6  # heaviest payload [kg]
 # Numbers of a patch in the equations; `icreckon.simulation.truth.surface_kernel` lists them.
 PATCH_WIDTH = 13
 
@@ -314,17 +313,12 @@ def loaded(body: Body, yaw_inertia: float, payloads: list[Payload]) -> tuple[Bod
         Total mass and centre of mass, and the moment of inertia about the vertical through it.
     """
     masses = np.array([body.mass, *(payload.mass for payload in payloads)])
-    centres = np.array(
-        [
-            (body.x_CM, body.y_CM, body.z_CM),
-            *(
-                (*rep103_to_paper(payload.position[0], payload.position[1]), payload.position[2])
-                for payload in payloads
-            ),
-        ]
-    )
+    centres = [(body.x_CM, body.y_CM, body.z_CM)]
+    for payload in payloads:
+        forward, left, up = payload.position
+        centres.append((*rep103_to_paper(forward, left), up))
     mass = masses.sum()
-    centre = masses @ centres / mass
-    squared_arms = ((centres - centre)[:, :2] ** 2).sum(axis=1)
-    x, y, z = (float(part) for part in centre)
+    centre = masses @ np.array(centres) / mass
+    squared_arms = ((np.array(centres) - centre)[:, :2] ** 2).sum(axis=1)
+    x, y, z = centre.tolist()
     return Body(float(mass), x, y, z), float(yaw_inertia + masses @ squared_arms)

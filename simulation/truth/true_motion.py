@@ -28,8 +28,7 @@ TRUE_SLIP = Slip(
     driving_w=0.0,
     time_constant=1.0,
 )
-# Times closer than this to a grid point are rounded to it [s].
-SAME_TIME = 1e-9
+SAME_TIME = 1e-9  # times closer than this to a grid point are rounded to it [s]
 
 
 @dataclass(frozen=True)
@@ -228,9 +227,10 @@ def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) 
 def displacements(twists: Floats, step: float) -> Floats:
     """Displacements (n - 1, 3) in axes at each step's start; see `integrate_twists`."""
     motion = integrals(twists, step)
-    (a_x, a_y, a_w), (b_x, b_y, b_w) = twists[:-1].T, twists[1:].T
-    motion[:, 0] += step**2 / 12.0 * (b_w * a_y - a_w * b_y)
-    motion[:, 1] += step**2 / 12.0 * (a_w * b_x - b_w * a_x)
+    (x_before, y_before, w_before), (x_after, y_after, w_after) = twists[:-1].T, twists[1:].T
+    # The commutator of the twists at both ends.
+    motion[:, 0] += step**2 / 12.0 * (w_after * y_before - w_before * y_after)
+    motion[:, 1] += step**2 / 12.0 * (w_before * x_after - w_after * x_before)
     return exponential(motion)
 
 
@@ -248,12 +248,13 @@ def integrate_twists(twists: Floats, step: float) -> Floats:
     Returns:
         (n, 3) x, y [m], yaw [rad], not wrapped.
     """
-    steps = displacements(twists, step)
+    forward, left, turn = displacements(twists, step).T
     poses = np.zeros_like(twists)
-    poses[1:, 2] = np.cumsum(steps[:, 2])
-    cos, sin = np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])
-    poses[1:, 0] = np.cumsum(cos * steps[:, 0] - sin * steps[:, 1])
-    poses[1:, 1] = np.cumsum(sin * steps[:, 0] + cos * steps[:, 1])
+    x, y, yaw = poses.T
+    yaw[1:] = np.cumsum(turn)
+    cos, sin = np.cos(yaw[:-1]), np.sin(yaw[:-1])
+    x[1:] = np.cumsum(cos * forward - sin * left)
+    y[1:] = np.cumsum(sin * forward + cos * left)
     return poses
 
 

@@ -30,20 +30,16 @@ from icreckon.replay.base.errors import coarse_stamps
 from icreckon.report.printable import printable
 
 TABLE_WIDTH = 150
-# Width of a bar [characters].
-BAR = 16
-# Longest time for which a kernel is compiled [s].
-LONGEST_COMPILATION = 300.0
-# Exit status of a command that has written incomplete results.
-FAILED = 1
+BAR = 16  # width of a bar [characters]
+LONGEST_COMPILATION = 300.0  # longest time for which a kernel is compiled [s]
+FAILED = 1  # exit status of a command that has written incomplete results
 # Messages of a loader for a library that does not fit in memory.
 UNMAPPED = (
     "failed to map segment",
     "annot allocate memory",
     "cannot create shared object descriptor",
 )
-# Most characters of an error; names from a file may be of any length.
-LONGEST_LINE = 2000
+LONGEST_LINE = 2000  # most characters of an error; names from a file may be of any length
 
 
 class _PlainConsole(Console):

@@ -17,8 +17,7 @@ NAMES = {
     "SIGTERM": "terminated",
     "SIGHUP": "terminated: its terminal is gone",
 }
-# Time after which a swallowed signal is sent again [s].
-SOON = 0.05
+SOON = 0.05  # time after which a swallowed signal is sent again [s]
 
 
 class Stop:

@@ -19,8 +19,7 @@ ERROR_FACTORS = (100.0, 100.0, 180.0 / np.pi)
 # Length of a line of the verdict [characters].
 LINE_LENGTH = 110
 STYLE = {"font.size": 10, "text.parse_math": False}
-# Ticks of an axis in standard errors.
-TICKS = [2.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0]
+TICKS = [2.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0]  # ticks of an axis in standard errors
 
 
 def write_calibration_figure(path: Path, results: Results) -> None:

@@ -15,8 +15,7 @@ STATUS = {
     "conditional": "shown, if the held ones are right",
     "held": "held, not shown",
 }
-# Width of a terminal from which on tables have all columns [characters].
-WIDE_FROM = 120
+WIDE_FROM = 120  # width of a terminal from which on tables have all columns [characters]
 # Correlation from which two estimates can hardly be separated.
 STRONG_CORRELATION = 0.9
 ORIGIN = ("versions", "inputs", "format")

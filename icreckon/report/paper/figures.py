@@ -22,8 +22,7 @@ INDEX_LABELS = (
     "eccentricity index ε [m]",
     "steering efficiency index η [-]",
 )
-# Differences beyond this are drawn at the edge, with an arrow [%].
-FARTHEST = 60.0
+FARTHEST = 60.0  # differences beyond this are drawn at the edge, with an arrow [%]
 
 
 def write_figures(folder: Path, reproduced: Reproduction, overview: str) -> None:

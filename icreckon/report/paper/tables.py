@@ -9,8 +9,7 @@ from icreckon.replay.comparison.results import Results
 from icreckon.report.pages import Cell, Picture, Table, render
 from icreckon.report.terminal import rich_table
 
-# Shares of the published number that are counted [%].
-LEVELS = (5.0, 10.0, 20.0)
+LEVELS = (5.0, 10.0, 20.0)  # shares of the published number that are counted [%]
 # Figures of a folder, the first at the top of the page; those with panels side by side are wide.
 CAPTIONS = {
     "figure": "Differences between the published numbers and the reproduced ones.",

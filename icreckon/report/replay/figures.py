@@ -24,12 +24,9 @@ SHOWN_IN_DETAIL = ("constant-online", "inertia-online")
 IN_TITLE = ("gyro", *SHOWN_IN_DETAIL)
 # Least range of the axes, also for a robot that never moved [m, deg].
 LEAST_POSITION_ERROR, LEAST_YAW_ERROR = 1e-3, 0.01
-# Bounds beyond this multiple of an axis are not drawn.
-FAR_BEYOND = 3.0
-# Largest range of the axis of yaw errors, which are at most 180 [deg].
-LARGEST_YAW_ERROR = 190.0
-# Most intervals between the ticks of an axis of time.
-TIME_TICKS = 5
+FAR_BEYOND = 3.0  # bounds beyond this multiple of an axis are not drawn
+LARGEST_YAW_ERROR = 190.0  # largest range of the axis of yaw errors, which are at most 180 [deg]
+TIME_TICKS = 5  # most intervals between the ticks of an axis of time
 # Size [in] and dots per inch: letters are about 12 px high where a page shows it 800 px wide.
 SIZE, DOTS = (10.0, 8.6), 160
 # Legend labels of the shaded areas: times without fixes, 3-sigma bounds.

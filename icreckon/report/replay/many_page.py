@@ -127,10 +127,10 @@ def drift_picture(results: Results) -> Named | None:
     """
     horizon = horizon_of(results)
     row_drifts = [
-        (heading, is_pooled, _drifts(variants, horizon))
+        (heading, is_pooled, drifts)
         for heading, is_pooled, variants in _picture_rows(results)
+        if (drifts := _drifts(variants, horizon))
     ]
-    row_drifts = [row for row in row_drifts if row[2]]
     if not row_drifts:
         return None
     edges = [
@@ -141,10 +141,10 @@ def drift_picture(results: Results) -> Named | None:
         if edge > 0.0
     ]
     ticks = _ticks(min(edges), max(edges))
-    low, log_range = ticks[0], math.log(ticks[-1] / ticks[0])
+    low, *_, high = ticks
 
     def place(drift: float) -> float:
-        return round(100.0 * math.log(max(drift, low) / low) / log_range, 2)
+        return round(100.0 * math.log(max(drift, low) / low) / math.log(high / low), 2)
 
     variants: dict[str, Named] = {}
     rows, top = [], 0
@@ -154,7 +154,7 @@ def drift_picture(results: Results) -> Named | None:
             light = colour_of(name)
             variants.setdefault(name, Named(name=name, light=light, dark=on_dark(light)))
             y = top + LABEL_HEIGHT + MARK_HEIGHT * line + MARK_HEIGHT // 2
-            ends = None if interval is None else (place(interval[0]), place(interval[1]))
+            ends = None if interval is None else tuple(map(place, interval))
             text = f"{name}: {number(drift)} %{interval_text(interval, '95 % interval ')}"
             mark = Named(at=place(drift), interval=ends, y=y, variant=variants[name], text=text)
             marks.append(mark)

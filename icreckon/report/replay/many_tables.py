@@ -78,9 +78,10 @@ def _pooled_table(results: Results, *, narrow: bool) -> Table:
 
 def _has_positions_only(results: Results) -> bool:
     """Return True if no pose has a NEES, but positions have."""
-    scores = [one for pooled in results["pooled"].values() for one in pooled["variants"].values()]
-    has_poses = any(one["nees_pose_poses"] for one in scores)
-    return not has_poses and any(one["nees_position_poses"] for one in scores)
+    variants = [pooled["variants"] for pooled in results["pooled"].values()]
+    all_scores = [scores for by_name in variants for scores in by_name.values()]
+    has_poses = any(scores["nees_pose_poses"] for scores in all_scores)
+    return not has_poses and any(scores["nees_position_poses"] for scores in all_scores)
 
 
 def _ratio_table(results: Results) -> Table:
@@ -143,4 +144,4 @@ def _value(value: float | None, *, digits: int = 2, is_best: bool = False) -> Te
 
 
 def _interval(interval: list[float] | None) -> Text:
-    return Text("" if interval is None else f"{interval[0]:.2f} to {interval[1]:.2f}")
+    return Text("" if interval is None else "{:.2f} to {:.2f}".format(*interval))

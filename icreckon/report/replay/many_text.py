@@ -8,10 +8,8 @@ from icreckon.report.replay import page_text
 UNSCORED = (
     "No log has a ground truth, so nothing is scored. The page of each log compares its variants."
 )
-# Variant that the ROS 2 node runs unless another one is set.
-DEFAULT_VARIANT = "inertia-online"
-# Horizon that stands for all where only one is shown.
-USUAL_HORIZON = "30s"
+DEFAULT_VARIANT = "inertia-online"  # variant that the ROS 2 node runs unless another one is set
+USUAL_HORIZON = "30s"  # horizon that stands for all where only one is shown
 
 
 def many_headline(results: Results) -> str:

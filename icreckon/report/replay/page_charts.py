@@ -28,18 +28,15 @@ from icreckon.report.replay.page_text import found_faults, has_yaw_errors
 TRUTH, FIXES = "ground truth", "fixes used"
 # Variants shown when the page opens, next to the best and the baseline.
 FIRST_SHOWN = ("differential", "constant-online", "inertia-online")
-# Number of variants up to which all are shown.
-FEW = 4
+FEW = 4  # number of variants up to which all are shown
 # The variant whose ICRs lie on its tracks by definition, and would widen the axes.
 ON_TRACKS = "differential"
 # Innovations beyond are not drawn.
 LARGEST_INNOVATION = 10.0
 DEGREES = 180.0 / math.pi
 LEFT_COLOUR, RIGHT_COLOUR, GYRO_COLOUR = "#0072B2", "#D55E00", "#444444"
-# Share of its standard deviation by which a parameter moves that has a chart.
-FLAT = 0.1
-# A hole is longer than this number of usual intervals.
-USUAL_INTERVALS = 4.0
+FLAT = 0.1  # share of its standard deviation by which a parameter moves that has a chart
+USUAL_INTERVALS = 4.0  # a hole is longer than this number of usual intervals
 Chart = dict[str, Any]
 Numbers = list[float | None]
 

@@ -11,12 +11,9 @@ import numpy as np
 
 from icreckon.replay.comparison.results import Results
 
-# Least speed at which a slip angle is computed [m/s].
-LEAST_SPEED = 0.1
-# Number of contact points on a side that are wheels; more of them are a track.
-WHEELS = 2
-# Largest diameter of a drawn wheel, over the wheelbase [-].
-LARGEST_WHEEL = 0.9
+LEAST_SPEED = 0.1  # least speed at which a slip angle is computed [m/s]
+WHEELS = 2  # number of contact points on a side that are wheels; more of them are a track
+LARGEST_WHEEL = 0.9  # largest diameter of a drawn wheel, over the wheelbase [-]
 # Columns of a variant's motion, by their names in the script.
 MOTION = {
     "x": "x_m",

@@ -1,6 +1,7 @@
 """Text of a comparison's page, made from its results only."""
 
 import math
+from itertools import combinations
 from typing import Any
 
 from icreckon.estimator.streaming.smoother import SMOOTHED
@@ -170,9 +171,8 @@ def _apart(results: Results) -> str:
     if len(variants) < 2:
         return f"No ground truth, so the accuracy of {reference} is unknown: {after}, {unsure}."
     ends = {name: (scores["end_x_m"], scores["end_y_m"]) for name, scores in variants.items()}
-    distance, first, second = max(
-        (math.dist(ends[a], ends[b]), a, b) for a in ends for b in ends if a < b
-    )
+    pairs = combinations(sorted(ends), 2)
+    distance, first, second = max((math.dist(ends[a], ends[b]), a, b) for a, b in pairs)
     return (
         f"No ground truth, so none can be called best. The variants end up to {number(distance)} m "
         f"apart, {after} ({first} and {second}); {unsure}."
@@ -398,8 +398,9 @@ def fault_lines(results: Results) -> list[str]:
         text = FAULT_TEXTS[fault].format(part)
         times = "once" if len(spans) == 1 else f"{len(spans)} times"
         seconds = sum(end - begin for begin, end in spans)
-        when = f"{number(seconds)} s in all between {spans[0][0]:.1f} and {spans[-1][1]:.1f} s"
-        lines.append(f"Found by the variant {name}: {text}; {times}, {when}")
+        (first_begin, _), (_, last_end) = spans[0], spans[-1]
+        period = f"{number(seconds)} s in all between {first_begin:.1f} and {last_end:.1f} s"
+        lines.append(f"Found by the variant {name}: {text}; {times}, {period}")
     return lines
 
 

@@ -62,8 +62,7 @@ SPATIAL_COLUMNS = (
     Column("height error\nat end, m", "final_height_error_m", 2),
     Column("own sigma\nat end, m", "final_height_sigma_m", 2),
 )
-# Prefixes of scores that are printed in mm/s and mrad/s.
-THOUSANDTHS = ("rmse_",)
+THOUSANDTHS = ("rmse_",)  # prefixes of scores that are printed in mm/s and mrad/s
 # Columns that a narrow terminal has first, and the width that has room for all [characters].
 IMPORTANT = (
     "drift_percent_30s_mean",

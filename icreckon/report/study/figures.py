@@ -31,10 +31,8 @@ METADATA = {"Software": None}
 MOST_UPRIGHT = 4
 MOST_LETTERS = 60
 MOST_NAMED_CELLS = 12
-# Smallest drift that a colour shows [%].
-LEAST_DRIFT = 1e-6
-# Ratio of the largest to the smallest value from which an axis is logarithmic.
-LOG_SPAN = 30.0
+LEAST_DRIFT = 1e-6  # smallest drift that a colour shows [%]
+LOG_SPAN = 30.0  # ratio of the largest to the smallest value from which an axis is logarithmic
 # Range of the variants at one place, as a share of the distance between places.
 SPREAD = 0.5
 INERTIAL = {
@@ -207,16 +205,16 @@ def _grid(results: Results) -> Picture:
     row_names = [group["name"] for group in row_effect["groups"]]
     column_names = [group["name"] for group in column_effect["groups"]]
     drifts = {label: _drift_grid(results, label) for label in variants}
-    known = np.concatenate([values[np.isfinite(values)] for values in drifts.values()])
+    finite = np.concatenate([values[np.isfinite(values)] for values in drifts.values()])
     panel_columns = min(len(variants), 2)
     panel_rows = math.ceil(len(variants) / panel_columns)
     panel_width, panel_height = 0.7 * len(column_names) + 0.6, 0.5 * len(row_names) + 1.2
     size = (max(SIZE[0], 1.2 + panel_columns * panel_width), panel_rows * max(2.6, panel_height))
     with drawing(size, STYLE | {"axes.grid": False}) as figure:
         panels = figure.subplots(panel_rows, panel_columns, squeeze=False, sharey=True)
-        high = max(float(known.max()), LEAST_DRIFT)
+        high = max(float(finite.max()), LEAST_DRIFT)
         # At most three powers of ten; the bounds of a logarithmic scale must differ.
-        low = max(float(known.min()), LEAST_DRIFT, 1e-3 * high)
+        low = max(float(finite.min()), LEAST_DRIFT, 1e-3 * high)
         scale = LogNorm(low, max(high, 1.01 * low))
         for axes, (label, values) in zip(panels.flat, drifts.items(), strict=False):
             image = axes.imshow(values, "cividis_r", aspect="auto", norm=scale)
@@ -278,19 +276,23 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
         style: Any = {"color": _colours(results)[label], "marker": MARKERS[number % len(MARKERS)]}
         style |= {"ls": "", "capsize": 2, "ms": 4, "lw": width, "label": label}
         axes.errorbar(x, mean, _whiskers(mean, low, high), **style)
-    axes.set_yscale("log")
-    # Whiskers are whole, but for those that dwarf the means. NaN is not positive.
-    all_means = np.concatenate(means)
-    lowest_mean = min([band_low, *all_means[all_means > 0.0]])
-    all_lows = np.concatenate(lows)
-    bottom = max(0.8 * min([lowest_mean, *all_lows[all_lows > 0.0]]), 0.1 * lowest_mean)
-    axes.set_ylim(bottom, 3.0 * max([band_high, *all_means[all_means > 0.0]]))
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    axes.yaxis.set_minor_locator(NullLocator())
+    all_means, all_lows = np.concatenate(means), np.concatenate(lows)
+    # NaN is not positive.
+    shown_means = [band_low, band_high, *all_means[all_means > 0.0]]
+    _scale_log_axis(axes, shown_means, all_lows[all_lows > 0.0])
     _label_cells(axes, results)
     axes.set_ylabel("NEES of the pose at the end [-]")
     _add_legend(axes)
+
+
+def _scale_log_axis(axes: Axes, means: Any, lows: Any) -> None:
+    """Limit a logarithmic axis to all means, and to lower ends that do not dwarf them."""
+    axes.set_yscale("log")
+    bottom = max(0.8 * min([*means, *lows]), 0.1 * min(means))
+    axes.set_ylim(bottom, 3.0 * max(means))
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_locator(NullLocator())
 
 
 def _label_cells(axes: Axes, results: Results) -> None:
@@ -324,20 +326,20 @@ def _distribution(results: Results, others: str) -> Picture:
         grid = figure.subplots(rows, columns, squeeze=False, sharey=True, sharex=True)
         panels = list(grid.flat)
         for axes, group in zip(panels, groups, strict=False):
-            for label in results["variants"]:
-                if label in group["percentiles"]:
-                    percentiles = group["percentiles"][label]
-                    errors += percentiles
-                    colour = _colours(results)[label]
-                    axes.plot(floats(percentiles), share, color=colour, lw=1.5, label=label)
+            drawn = [label for label in results["variants"] if label in group["percentiles"]]
+            for label in drawn:
+                percentiles, colour = group["percentiles"][label], _colours(results)[label]
+                errors += percentiles
+                axes.plot(floats(percentiles), share, color=colour, lw=1.5, label=label)
             axes.set_title(f"{group['axis']} {group['group']}".strip(), fontsize=11)
         positive = [error for error in errors if error > 0.0]
         if positive and max(positive) > LOG_SPAN * np.median(positive):
             panels[0].set_xscale("log")
         for axes in panels[len(groups) :]:
             axes.set_visible(False)
+        lowest = slice(max(0, len(groups) - columns), max(1, len(groups)))
         # The lowest panel of each column; the one panel of a study without results.
-        for axes in panels[max(0, len(groups) - columns) : max(1, len(groups))]:
+        for axes in panels[lowest]:
             axes.tick_params(labelbottom=True)
             axes.set_xlabel("position error at the end [m]")
         for axes in grid[:, 0]:

@@ -14,12 +14,10 @@ NEES = "nees_pose_end"
 # NEES from which a filter is much too sure, the mark next to it, and keys that change the sensors' noise.
 MUCH_NEES, MARK = 6.0, "*"
 NOISE_KEYS = ("noise", "gyro", "accelerometer", "encoders")
-# First word of failure messages.
-ERROR = "ERROR"
+ERROR = "ERROR"  # first word of failure messages
 # Most failures and reasons in the text; `results.json` lists all.
 MOST_FAILURES, MOST_REASONS = 12, 3
-# Longest reason in a table [characters]; the list of failures has it in full.
-LONGEST_REASON = 60
+LONGEST_REASON = 60  # longest reason in a table [characters]; the list of failures has it in full
 # Text for a statistic that runs with a result need not have, as a drift without an outage.
 NO_VALUE = "none to score"
 

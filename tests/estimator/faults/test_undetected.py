@@ -15,7 +15,7 @@ from icreckon.estimator.sensors.imu_noise import NoiseRecord, noise_of_step
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.standstill import (
     CARRIED_SPEED,
-    ROCKING,
+    ROCKING_TIME,
     QuietReadings,
     StandstillRecord,
     carried_density,
@@ -58,7 +58,7 @@ def test_a_robot_that_is_shaken_or_turned_is_carried_from_then_on(shake: str) ->
     moved = 0.2 * np.sin(9.0 * times) if shake == "by hand" else np.full(500, 0.5)
     still = StandstillRecord()
     found = rested(np.concatenate([calm(3), moved, calm(3)]), still)
-    assert 3.0 + ROCKING < found[0] < 3.6 + ROCKING
+    assert 3.0 + ROCKING_TIME < found[0] < 3.6 + ROCKING_TIME
     assert 7.9 < found[-1] < 8.6
     assert still.carries == 1
     assert not is_carried(still)

@@ -106,7 +106,7 @@ def test_speeds_that_are_no_rates_need_no_radius(log: Log):
 def test_without_truth_and_imu_the_errors_are_said_to_be_defaults(log: Log):
     bare = replace(log, truth=None, imu=None)
     errors = twist_errors([bare], ALPHA)
-    assert errors.forward_by == errors.turning_by == ""
+    assert errors.forward_reference == errors.turning_reference == ""
     assert errors.forward > 0.0
     assert errors.turning > 0.0
     text = ros_settings([bare], ALPHA)

@@ -55,15 +55,15 @@ def suspicions(log: Log, *, rates: bool = False, from_twist: bool = False) -> li
 def test_effective_radius_and_track() -> None:
     log = in_rates(driven_log((180.0, 5.0, 0.0)))
     _, _, estimates = looked_at(log)
-    assert estimates.way_ratio == pytest.approx(RADIUS, rel=0.02)
-    assert estimates.way_source == "truth"
+    assert estimates.distance_ratio == pytest.approx(RADIUS, rel=0.02)
+    assert estimates.distance_source == "truth"
     assert estimates.track_ratio == pytest.approx(TRACK / RADIUS, rel=0.05)
     poses = log.truth.poses
     fixes = FixSeries(poses.stamps[::50], poses.poses[::50], np.ones((len(poses.stamps[::50]), 2)))
     _, _, estimates = looked_at(replace(log, truth=None, fixes=fixes))
-    assert estimates.way_source == "fixes"
+    assert estimates.distance_source == "fixes"
     _, _, estimates = looked_at(replace(log, truth=None))
-    assert estimates.way_ratio is None
+    assert estimates.distance_ratio is None
 
 
 def scaled(log: Log, *, gyro: float = 1.0, force: float = 1.0, tracks: float = 1.0) -> Log:
@@ -239,13 +239,13 @@ def test_sample_logs_show_their_wheels(data_dir, name, radius, track):
     log = read_log(path, robot, topics=found.mapping)
     _, _, estimates = looked_at(log)
     # The README beside the logs has these by least squares.
-    assert estimates.way_ratio == pytest.approx(radius, rel=0.04)
+    assert estimates.distance_ratio == pytest.approx(radius, rel=0.04)
     # Few windows of straight driving show no error; then the usual one is proposed.
-    assert estimates.way_sigma is None or 0.0 < estimates.way_sigma < 0.02 * radius
+    assert estimates.distance_sigma is None or 0.0 < estimates.distance_sigma < 0.02 * radius
     (proposed,) = re.findall(r"^scale_sigma = (\S+)", found.proposed_robot_file, re.MULTILINE)
     assert 0.01 <= float(proposed) <= 0.02
-    assert (float(proposed) == 0.02) == (estimates.way_sigma is None)
-    assert estimates.track_ratio * estimates.way_ratio == pytest.approx(track, rel=0.06)
+    assert (float(proposed) == 0.02) == (estimates.distance_sigma is None)
+    assert estimates.track_ratio * estimates.distance_ratio == pytest.approx(track, rel=0.06)
     assert not any(said.startswith("suspicious") for said in found.findings)
 
 
