@@ -107,7 +107,7 @@ def measure_noise(
         if repeated and force_y == y.readings.newest:
             # A driver that repeats samples: they hold no noise of their own.
             return
-    dt = advance(pace, stamp, hold)
+    dt = next_interval(pace, stamp, hold)
     add_value(gyro.readings, rate, pace.run, dt, pace.interval)
     add_value(x.readings, force_x, pace.run, dt, pace.interval)
     add_value(y.readings, force_y, pace.run, dt, pace.interval)
@@ -123,7 +123,7 @@ def measure_noise(
     if (stamp - block_pace.stamp) * NANOSECOND < BLOCK:
         return
     count = noise.in_block
-    dt = advance(block_pace, stamp, hold)
+    dt = next_interval(block_pace, stamp, hold)
     add_value(gyro.blocks, gyro.total / count, block_pace.run, dt, block_pace.interval)
     add_value(x.blocks, x.total / count, block_pace.run, dt, block_pace.interval)
     add_value(y.blocks, y.total / count, block_pace.run, dt, block_pace.interval)
@@ -131,7 +131,7 @@ def measure_noise(
     gyro.total = x.total = y.total = 0.0
 
 
-def advance(pace: Pace, stamp: int, hold: float) -> float:
+def next_interval(pace: Pace, stamp: int, hold: float) -> float:
     """Add the stamp [ns] of a value; return the time since the one before [s].
 
     It is zero after a gap: an interval longer than `hold` [s].
