@@ -62,7 +62,7 @@ class Bound(NamedTuple):
                     return
                 raise error(f"{name} must be {self.wanted}, {size}, found {value!r}")
         # NaN: a placeholder of a new robot file.
-        if self.beyond and is_number(value) and value != value:
+        if is_number(value) and value != value:
             raise error(f"{name} must be {self.wanted}, found nan: it is not filled in")
         raise error(f"{name} must be {self.wanted}, found {value!r}")
 

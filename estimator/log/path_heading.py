@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.log.scores import interpolate, interpolate_poses
+from icreckon.estimator.log.scores import interpolate, interpolate_poses, path_length
 from icreckon.estimator.log.series import PoseSeries, Truth, running_integral
 
 STEP = 0.5  # distance between the places whose course is compared with the heading [m]
@@ -32,7 +32,7 @@ LARGEST_SIGMA = 0.3  # largest standard error at which it is [rad]
 class PathHeadings(NamedTuple):
     """Headings from a path."""
 
-    poses: PoseSeries  # positions with headings
+    poses: PoseSeries  # positions with headings, and the distance along the path
     sigma: float  # median of the headings' standard errors [rad]
     start_sigma: float  # that of the first heading [rad]
     noise: float  # distance of the positions from the path over a few metres, per axis [m]
@@ -130,28 +130,36 @@ def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | Non
         return None
     x, y, yaw = interpolate_poses(path, stamps).T
     z = places.poses[inside, 0] + 1j * places.poses[inside, 1]
-    turn, sigma, variance, is_good = _turns(z, x + 1j * y)
+    turn, scale, sigma, variance, is_good = _turns(z, x + 1j * y)
     if not is_good.any():
         return None
+    # Noise of the positions lengthens their path, but not the scale.
+    travelled = interpolate(path.stamps, path_length(path)[:, None], stamps)[:, 0]
+    travelled *= np.median(scale[is_good])
     known, everywhere = np.flatnonzero(is_good), np.arange(len(stamps))
     turns = np.interp(everywhere, known, np.unwrap(turn[is_good]))
     sigmas = np.interp(everywhere, known, sigma[is_good])
     return PathHeadings(
-        PoseSeries(stamps, np.column_stack([places.poses[inside, :2], yaw + turns])),
+        PoseSeries(
+            stamps, np.column_stack([places.poses[inside, :2], yaw + turns]), travelled=travelled
+        ),
         float(np.median(sigmas)),
         float(sigmas[0]),
         float(np.sqrt(np.median(variance[is_good]))),
     )
 
 
-def _turns(z: NDArray[Any], r: NDArray[Any]) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+def _turns(
+    z: NDArray[Any], r: NDArray[Any]
+) -> tuple[Floats, Floats, Floats, Floats, NDArray[np.bool_]]:
     """Turns (n,) that lay the path around each position over the positions there.
 
     Positions z (n,) and places r (n,) of the path at their stamps are complex numbers [m].
 
     Returns:
-        The turns, their standard errors [rad], the variance of the positions about the turned path, per
-        axis [m²], and a mask of the turns that can be used.
+        The turns; the scale of the path that fits best; the standard errors of the turns [rad]; the
+        variance of the positions about the turned path, per axis [m²]; and a mask of the turns that can
+        be used.
     """
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(r)))])
     first = np.searchsorted(way, way - REACH)
@@ -174,6 +182,7 @@ def _turns(z: NDArray[Any], r: NDArray[Any]) -> tuple[Floats, Floats, Floats, ND
     with np.errstate(divide="ignore", invalid="ignore"):
         # Errors are alike over some way: a lever arm, slip, multipath.
         span = way[np.minimum(last, len(way)) - 1] - way[first]
+        scale = np.abs(cross) / square_r
         sigma = np.sqrt(variance * count / square_r / np.maximum(span / ALIKE, 2.0))
         is_good = (square_r / count >= LEAST_EXTENT**2) & (sigma <= LARGEST_SIGMA) & (count > 2)
-    return np.angle(cross), sigma, variance, is_good
+    return np.angle(cross), scale, sigma, variance, is_good

@@ -104,7 +104,12 @@ def interpolate_poses(series: PoseSeries, stamps: Stamps) -> Floats:
 
 
 def path_length(series: PoseSeries) -> Floats:
-    """Distance (n,) since the first pose [m], along points at least `PATH_STEP` apart."""
+    """Distance (n,) since the first pose [m].
+
+    Unless known, it is along points at least `PATH_STEP` apart.
+    """
+    if series.travelled is not None:
+        return np.asarray(series.travelled - series.travelled[0])
     seconds = (series.stamps - series.stamps[0]) * NANOSECOND
     knots = np.append(even_grid(0.0, seconds[-1], PATH_STEP, seconds), seconds[-1])
     x, y = (np.interp(knots, seconds, series.poses[:, axis]) for axis in (0, 1))
@@ -131,17 +136,17 @@ def drift(
         horizon: length of the segments [s, m].
         unit: "s" for segments of a duration, "m" for those of a distance.
         within: intervals of stamps [ns] that must contain a segment; None for everywhere.
-        largest_gap: segments across a longer gap in the truth are left out [s]; None for one second, or
-            more where the truth is slower, see `USUAL_GAPS`.
+        largest_gap: segments across a longer gap in the truth are left out [s]; None for
+            `longest_interval`, at least a second.
     """
-    stamps = shared_stamps(estimate, truth)
+    shared = truth.rows(is_shared(estimate, truth))
+    stamps = shared.stamps
     if len(stamps) < 2:
         return Drift(horizon, unit, stamps[:0], *(np.zeros(0) for _ in range(4)))
     if largest_gap is None:
-        usual = float(np.median(np.diff(truth.stamps))) * NANOSECOND
-        largest_gap = max(LEAST_GAP, min(USUAL_GAPS * usual, LONGEST_FILLED))
+        largest_gap = longest_interval(truth.stamps, LEAST_GAP)
     true_poses = interpolate_poses(truth, stamps)
-    travelled = path_length(PoseSeries(stamps, true_poses))
+    travelled = path_length(shared)
     first = segment_starts(stamps)
     if unit == "m":
         last = np.searchsorted(travelled, travelled[first] + horizon)
@@ -154,10 +159,24 @@ def drift(
     return Drift(horizon, unit, stamps[first], durations, *errors, distances)
 
 
+def longest_interval(stamps: Stamps, least: float) -> float:
+    """Longest interval between stamps (n,) that is no gap [s].
+
+    It is `least`, or more where the series is slower, see `USUAL_GAPS`.
+    """
+    usual = float(np.median(np.diff(stamps))) * NANOSECOND
+    return max(least, min(USUAL_GAPS * usual, LONGEST_FILLED))
+
+
+def is_shared(estimate: PoseSeries | Trajectory, truth: PoseSeries) -> NDArray[np.bool_]:
+    """Mask (n,) of the truth's poses within the time of the estimate."""
+    inside = (truth.stamps >= estimate.stamps[0]) & (truth.stamps <= estimate.stamps[-1])
+    return np.asarray(inside)
+
+
 def shared_stamps(estimate: PoseSeries | Trajectory, truth: PoseSeries) -> Stamps:
     """Stamps (n,) of the truth within those of the estimate [ns]."""
-    inside = (truth.stamps >= estimate.stamps[0]) & (truth.stamps <= estimate.stamps[-1])
-    return np.asarray(truth.stamps[inside])
+    return np.asarray(truth.stamps[is_shared(estimate, truth)])
 
 
 def segment_starts(stamps: Stamps) -> Places:

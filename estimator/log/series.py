@@ -68,17 +68,21 @@ class PoseSeries:
     """Poses: planar ones, and the rest of them in three dimensions if it is known.
 
     `stamps` (n,) [ns]; `poses` (n, 3) x, y [m], yaw [rad] (unwrapped or not); `spatial` (n, 3) z [m],
-    roll, pitch [rad] (fixed axes, as in tf), or None.
+    roll, pitch [rad] (fixed axes, as in tf), or None; `travelled` (n,) distance [m] by another source,
+    None for that along the positions.
     """
 
     stamps: Stamps
     poses: Floats
     spatial: Floats | None = None
+    travelled: Floats | None = None
 
     def __post_init__(self) -> None:
         _check_shape("poses", self.stamps, self.poses, (3,))
         if self.spatial is not None:
             _check_shape("spatial", self.stamps, self.spatial, (3,))
+        if self.travelled is not None:
+            _check_shape("travelled", self.stamps, self.travelled, ())
 
     @property
     def positions(self) -> Floats:
@@ -94,8 +98,9 @@ class PoseSeries:
 
     def rows(self, which: Any) -> PoseSeries:
         """Poses of the rows that an index, a mask or a slice selects."""
-        spatial = None if self.spatial is None else self.spatial[which]
-        return PoseSeries(self.stamps[which], self.poses[which], spatial)
+        optional = self.spatial, self.travelled
+        spatial, travelled = (None if values is None else values[which] for values in optional)
+        return PoseSeries(self.stamps[which], self.poses[which], spatial, travelled)
 
 
 @dataclass(frozen=True)

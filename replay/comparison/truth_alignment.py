@@ -22,14 +22,14 @@ from icreckon.estimator.log.lag import (
     places_of,
 )
 from icreckon.estimator.log.path_heading import PathHeadings, headings_by_path
-from icreckon.estimator.log.scores import even_grid, interpolate_poses, pieces
+from icreckon.estimator.log.scores import even_grid, interpolate_poses, longest_interval, pieces
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.replay.comparison.truth_level import levelled
 
 GRID_STEP = 0.1
 LEVER_WINDOW = 2.0
-LARGEST_HOLE = 0.5  # windows across a longer gap in the truth are omitted [s]
+LARGEST_HOLE = 0.5  # windows across a longer gap in a frequent truth are omitted [s]
 ROUNDS = 3  # rounds of headings and lever arm of a truth without headings
 LOGGED_START_SIGMA = (0.02, 0.01)  # sigma of the initial pose from a logged truth [m, rad]
 TRIMMED_SHARE = 0.8  # share of the windows kept for the lever arm, by their residuals [-]
@@ -153,7 +153,7 @@ def _windows(truth: PoseSeries, reckoned: PoseSeries) -> tuple[Stamps, Stamps]:
     high = min(truth.stamps[-1], reckoned.stamps[-1]) - int(LEVER_WINDOW / NANOSECOND)
     starts = even_grid(low, high, int(GRID_STEP / NANOSECOND), truth.stamps)
     ends = starts + int(LEVER_WINDOW / NANOSECOND)
-    piece_numbers = pieces(truth.stamps, LARGEST_HOLE)
+    piece_numbers = pieces(truth.stamps, longest_interval(truth.stamps, LARGEST_HOLE))
     first = np.searchsorted(truth.stamps, starts, side="right") - 1
     last = np.minimum(np.searchsorted(truth.stamps, ends), len(piece_numbers) - 1)
     unbroken = piece_numbers[first] == piece_numbers[last]

@@ -4,6 +4,8 @@ The map of a lidar is level in the axes in which it began, on a slope or with a 
 and the lidar may be mounted with a tilt in the robot. The two are told apart as the robot turns.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
@@ -48,7 +50,7 @@ def levelled(truth: PoseSeries, reckoned: Trajectory) -> tuple[PoseSeries, float
     heights = level.apply(truth.positions)[:, 2]
     tilts = (level * turns * mount).as_euler("xyz")[:, :2]
     spatial = np.column_stack([heights - heights[0], tilts])
-    return PoseSeries(truth.stamps, truth.poses, spatial), angle
+    return replace(truth, spatial=spatial), angle
 
 
 def spatial_scores(

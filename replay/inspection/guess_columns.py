@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,21 +53,33 @@ ENDINGS: dict[str, TimeUnit] = {"ns": "ns", "nsec": "ns", "us": "us", "ms": "ms"
 ENDINGS |= {"micros": "us", "millis": "ms"}
 
 
+class _Time(NamedTuple):
+    """Keys of a stream's time; None for those of the map."""
+
+    time: str | None
+    time_unit: TimeUnit | None
+
+
 def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap | None:
-    """Guess the columns of each stream; None if a table has no column of the time.
+    """Guess the columns of each stream; None if no table has a column of the time.
 
     A stream is taken from the first table that has it. Columns belong to the truth if their name, or that
     of their table, satisfies `is_truth`. Columns of commands are skipped. `time_column` is used where a
-    table has it.
+    table has it; a table without a time is skipped.
     """
-    time_columns = [_time_column(table, time_column) for table in tables]
-    if not time_columns or None in time_columns:
-        return None
-    main_time = str(time_columns[0])
+    main: tuple[str, TimeUnit] | None = None
     tracks, imu, fixes, truth = None, None, None, None
-    for table, table_time in zip(tables, time_columns, strict=True):
-        # A stream names its time column only if that is not the main one.
-        time = None if table_time == main_time else table_time
+    for table in tables:
+        table_time = time_column_of(table, time_column)
+        if table_time is None:
+            continue
+        unit = _time_unit(table, table_time)
+        main = main or (table_time, unit)
+        # A stream states its time only where that is not the main one.
+        main_time, main_unit = main
+        time = _Time(
+            None if table_time == main_time else table_time, None if unit == main_unit else unit
+        )
         names = [one.name for one in table.columns if one.is_number and one.name != table_time]
         true_names = [name for name in names if is_truth(table.path.stem) or is_truth(name)]
         measured = [name for name in names if name not in true_names and not is_command(name)]
@@ -74,7 +87,7 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         imu = imu or _imu(measured, time)
         fixes = fixes or _fixes(measured, time)
         truth = truth or _truth(true_names, time)
-    return ColumnMap(main_time, _time_unit(tables[0], main_time), tracks, imu, fixes, truth)
+    return None if main is None else ColumnMap(*main, tracks, imu, fixes, truth)
 
 
 def _plain(name: str) -> str:
@@ -83,8 +96,8 @@ def _plain(name: str) -> str:
     return UNIT.sub("", re.sub(r"\W+", "_", without_brackets))
 
 
-def _time_column(table: Table, known: str) -> str | None:
-    """Column `known` if it is there, otherwise the likeliest by name or type."""
+def time_column_of(table: Table, known: str) -> str | None:
+    """Column of the time: `known` if it is there, otherwise the likeliest one."""
     names = [column.name for column in table.columns]
     if known in names:
         return known
@@ -108,7 +121,7 @@ def _time_unit(table: Table, name: str) -> TimeUnit:
     return next((unit for size, unit in SINCE_1970 if largest > size), "s")
 
 
-def _tracks(names: Sequence[str], time: str | None, table: Table) -> TrackColumns | None:
+def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | None:
     """Guess the columns of the track speeds; names with a word of speed are preferred."""
     likely = [name for name in names if not NO_SPEED.search(name.lower())]
     left, right = sides([name for name in likely if SPEED.search(name.lower())])
@@ -120,7 +133,7 @@ def _tracks(names: Sequence[str], time: str | None, table: Table) -> TrackColumn
     if keys["unit"] == "counts":
         counts = table.numbers((*left, *right))
         keys["wrap"] = counter_range(counts)[0] if len(left) == 1 else None
-    return TrackColumns(left=left, right=right, time=time, **keys)
+    return TrackColumns(left=left, right=right, **time._asdict(), **keys)
 
 
 def _names_side_alone(name: str) -> bool:
@@ -141,7 +154,7 @@ def _axes(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:
     return (by_axis["z"],) if "z" in by_axis and "x" not in by_axis else ()
 
 
-def _imu(names: Sequence[str], time: str | None) -> ImuColumns | None:
+def _imu(names: Sequence[str], time: _Time) -> ImuColumns | None:
     """Guess the columns of rates or of a yaw rate alone, and of three specific forces."""
     # Bare x, y and z are a position rather than rates.
     named = [name for name in names if len(_plain(name)) > 1]
@@ -159,7 +172,7 @@ def _imu(names: Sequence[str], time: str | None) -> ImuColumns | None:
         linear_acceleration=forces,
         rate_unit=unit,
         acceleration_unit="mg" if any(name.lower().endswith("_mg") for name in forces) else "m/s2",
-        time=time,
+        **time._asdict(),
     )
 
 
@@ -173,7 +186,7 @@ def _in_degrees(name: str) -> bool:
     return any(word in name.lower() for word in ("deg", "dps", "°"))
 
 
-def _fixes(names: Sequence[str], time: str | None) -> PoseColumns | None:
+def _fixes(names: Sequence[str], time: _Time) -> PoseColumns | None:
     """Guess the columns of fixes on the globe; x and y could be odometry instead."""
     latitude, longitude = _first(names, LATITUDE), _first(names, LONGITUDE)
     if latitude is None or longitude is None:
@@ -183,12 +196,12 @@ def _fixes(names: Sequence[str], time: str | None) -> PoseColumns | None:
         longitude=longitude,
         altitude=_first(names, ALTITUDE),
         position_sigma=PLACEHOLDER_SIGMA,
-        time=time,
+        **time._asdict(),
     )
 
 
-def _truth(names: Sequence[str], time: str | None) -> PoseColumns | None:
+def _truth(names: Sequence[str], time: _Time) -> PoseColumns | None:
     """Guess the columns of a truth's x, y and yaw; None without a position."""
     x, y, yaw = (_first(names, re.compile(rf"(?:^|[_.])(?:{name})$")) for name in POSE_NAMES)
     unit: AngleUnit = "deg" if yaw and _in_degrees(yaw) else "rad"
-    return PoseColumns(x=x, y=y, yaw=yaw, yaw_unit=unit, time=time) if x and y else None
+    return PoseColumns(x=x, y=y, yaw=yaw, yaw_unit=unit, **time._asdict()) if x and y else None

@@ -29,7 +29,7 @@ from icreckon.replay.base.errors import EqualStampsError, ReplayError, coarse_st
 from icreckon.replay.inspection import imu_mounting, robot_file, topic_survey, wheels
 from icreckon.replay.inspection import track_by_rate as by_rate
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
-from icreckon.replay.inspection.guess_columns import guess_columns
+from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of
 from icreckon.replay.inspection.guess_topics import guess_topics, may_be_a_side
 from icreckon.replay.inspection.gyro_bias import GyroBias, gyro_bias
 from icreckon.replay.inspection.latency import objection, track_latency, truth_lag, without_lag
@@ -103,8 +103,9 @@ def inspect(
     if tables:
         time_column = str(sizes.log.get("columns", {}).get("time", ""))
         mapping = replace(mapping, columns=guess_columns(tables, time_column))
-        if mapping.columns is None:
-            notes.append("not all tables have a column that looks like a time: none is proposed")
+        timeless = [table.path.name for table in tables if not time_column_of(table, time_column)]
+        if timeless:
+            notes.append(f"no column looks like a time, not used: {', '.join(timeless)}")
     mapping = _with_keys(mapping, sizes.log)
     log: Log | None = None
     clocks: dict[str, Choice] = {}

@@ -94,11 +94,13 @@ class TrackColumns(TrackKeys, frozen=True, kw_only=True):
 
     Attributes:
         unit: their unit.
-        time: column of their time, if other than the map's.
+        time: column of their time, if not the map's.
+        time_unit: its unit.
     """
 
     unit: TrackUnit = "m/s"
     time: str | None = None
+    time_unit: TimeUnit | None = None
 
     def __post_init__(self) -> None:
         if not (self.left and self.right):
@@ -148,10 +150,12 @@ class ImuColumns(ImuKeys, frozen=True, kw_only=True):
     """Columns of the IMU.
 
     Attributes:
-        time: column of their time, if other than the map's.
+        time: column of their time, if not the map's.
+        time_unit: its unit.
     """
 
     time: str | None = None
+    time_unit: TimeUnit | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -231,11 +235,13 @@ class PoseColumns(PoseKeys, frozen=True, kw_only=True):
 
     Attributes:
         source: name of the reference system of the truth, for reports.
-        time: column of their time, if other than the map's.
+        time: column of their time, if not the map's.
+        time_unit: its unit.
     """
 
     source: str = ""
     time: str | None = None
+    time_unit: TimeUnit | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -251,7 +257,8 @@ class HeadingColumns(Bounded, frozen=True):
         clockwise: whether it counts clockwise, from north (a compass), so that yaw is 90 degrees less it.
         sigma: standard deviation [rad].
         offset_deg: offset added to get the direction of driving in the frame of the fixes [deg].
-        time: column of its time, if other than the map's.
+        time: column of its time, if not the map's.
+        time_unit: its unit.
         latency: latency of the stamps, subtracted from them [s].
     """
 
@@ -261,6 +268,7 @@ class HeadingColumns(Bounded, frozen=True):
     clockwise: bool = False
     offset_deg: Annotated[float, Bound("a number")] = 0.0
     time: str | None = None
+    time_unit: TimeUnit | None = None
     latency: Latency = 0.0
 
     @property

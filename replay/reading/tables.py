@@ -267,7 +267,7 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         names, time = spec.names, spec.time or columns.time
         if not table.has([time, *names]):
             continue
-        stamps, timed = table.stamps(time, columns.time_unit)
+        stamps, timed = table.stamps(time, spec.time_unit or columns.time_unit)
         values = table.numbers(names)
         has_value = ~np.isnan(values).all(axis=1)
         is_kept = has_value & timed

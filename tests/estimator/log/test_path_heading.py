@@ -7,6 +7,7 @@ import pytest
 
 from icreckon.estimator.base.frames import rotate, wrap_angle
 from icreckon.estimator.log.path_heading import heading_fault, headings_by_path
+from icreckon.estimator.log.scores import drift, path_length
 from icreckon.estimator.log.series import PoseSeries, Truth, TwistSeries
 
 STAMPS = np.arange(0, 60_000_000_000, 50_000_000, dtype=np.int64)
@@ -98,6 +99,17 @@ def test_headings_are_found_in_any_frame(noise: float) -> None:
     later = PoseSeries(path.stamps[200:], path.poses[200:])
     part = headings_by_path(positions, later)
     assert part.poses.stamps[0] == path.stamps[200]
+
+
+def test_noise_of_the_positions_adds_nothing_to_the_distance() -> None:
+    """Those of plain GPS at 1 Hz, by a path of tracks whose radius is 10 % too small."""
+    path, rng = drive(), np.random.default_rng(5)
+    places = path.poses[::20, :2] + 0.5 * rng.standard_normal((len(STAMPS[::20]), 2))
+    positions = PoseSeries(STAMPS[::20], np.column_stack([places, np.zeros(len(places))]))
+    found = headings_by_path(positions, PoseSeries(STAMPS, path.poses * (0.9, 0.9, 1.0))).poses
+    assert path_length(positions)[-1] > 1.4 * 29.5
+    assert path_length(found)[-1] == pytest.approx(29.5, rel=0.05)
+    assert drift(path, found, 10.0).distances == pytest.approx(5.0, rel=0.05)
 
 
 def test_a_robot_that_hardly_moves_shows_no_headings() -> None:

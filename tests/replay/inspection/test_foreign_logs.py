@@ -203,6 +203,31 @@ def test_a_time_in_another_language_is_all_that_is_filled_in(tmp_path: Path) -> 
     assert found["vehicle"]["sprocket_radius"] == pytest.approx(RADIUS, rel=0.01)
 
 
+def test_tables_with_times_in_different_units(tmp_path: Path) -> None:
+    """And one without a time, which hides no other."""
+    rows = np.column_stack([1e3 * SECONDS, LEFT, RIGHT, TURN])
+    names = "t_ms,left_rad_s,right_rad_s,yaw_rate"
+    np.savetxt(tracks := tmp_path / "tracks.csv", rows, "%.6f", ",", header=names, comments="")
+    fixes = np.column_stack([SECONDS, 46.0 + 1e-6 * SECONDS, 7.0 + 1e-6 * SECONDS])
+    names = "t_s,latitude,longitude"
+    np.savetxt(gps := tmp_path / "gps.csv", fixes, "%.9f", ",", header=names, comments="")
+    (settings := tmp_path / "settings.csv").write_text("gain,offset\n1.0,2.0\n", "utf-8")
+    found = inspect([tracks, gps, settings])
+    assert any(
+        "no column looks like a time, not used: settings.csv" in note for note in found.notes
+    )
+    columns = tomllib.loads(found.proposed_robot_file)["log"]["columns"]
+    assert (columns["time"], columns["time_unit"]) == ("t_ms", "ms")
+    assert (columns["fixes"]["time"], columns["fixes"]["time_unit"]) == ("t_s", "s")
+    text = found.proposed_robot_file.replace("position_sigma = nan", "position_sigma = 1.0")
+    for key in ("mass", "sprocket_radius", "track_gauge"):
+        text = text.replace(f"{key} = nan", f"{key} = 0.5")
+    text = text.replace("eta0 = nan", "eta0 = 1.5")
+    (robot := tmp_path / "robot.toml").write_text(text, "utf-8")
+    log = read_log([tracks, gps], load_robot(robot))
+    assert log.fixes.stamps.tolist() == log.tracks.stamps.tolist()
+
+
 def test_counters_of_16_bits(tmp_path: Path) -> None:
     log, robot = (
         table(tmp_path / "own.csv", f"t [ms];enc_l;enc_r;{REST}", ticks=True),
