@@ -1,7 +1,7 @@
 """Table files: CSV and Parquet to tables in memory, within limits."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +105,16 @@ def _read_trajectory(path: Path) -> Read:
     return table({"time": time} | poses), {}, []
 
 
+def _comments(lines: Sequence[str]) -> int:
+    """Number of comments (`# ...`) before the line of names, which may begin with # too."""
+    marked = next((k for k, line in enumerate(lines) if not line.startswith("#")), 0)
+    if not marked:
+        return 0
+    last, below = lines[marked - 1], lines[marked]
+    has_names = any(last.count(one) == below.count(one) > 0 for one in DELIMITERS)
+    return marked - 1 if has_names else marked
+
+
 def _read_csv(path: Path) -> Read:
     """Read a CSV file, without its damaged rows if they are few."""
     from pyarrow import ArrowInvalid, BufferReader, csv
@@ -113,14 +123,17 @@ def _read_csv(path: Path) -> Read:
     beginning = bytes(text[:FIRST_BYTES])
     if beginning.startswith(UTF_16_MARKS):
         raise ReplayError("it is UTF-16; `iconv -f utf-16 -t utf-8` converts it")
-    names, *rows = beginning.decode("utf-8", "replace").splitlines() or [""]
+    lines = beginning.decode("utf-8", "replace").splitlines() or [""]
+    comments = _comments(lines)
+    names, *rows = lines[comments:]
     delimiter = max(DELIMITERS, key=names.count)
     _check_columns(names.count(delimiter) + 1)
     numbers = csv.ConvertOptions(decimal_point=_decimal_point(rows, delimiter))
+    below_comments = csv.ReadOptions(skip_rows=comments)
 
     def read(invalid_row_handler: Callable[[Any], str] | None) -> Any:
         options = csv.ParseOptions(delimiter=delimiter, invalid_row_handler=invalid_row_handler)
-        return csv.read_csv(BufferReader(text), parse_options=options, convert_options=numbers)
+        return csv.read_csv(BufferReader(text), below_comments, options, numbers)
 
     try:
         return read(None), {}, []

@@ -21,6 +21,7 @@ from icreckon.replay.mapping.track_units import ANY_COUNTS, TrackUnit
 from icreckon.replay.reading.stream import ABSENT
 
 DRIVE_WORDS = ("wheel", "track", "sprocket", "drive")
+CAPITAL = re.compile(r"(?<=[a-z])(?=[A-Z])")  # places where a word begins in a name as encL
 LEFT = {"l", "lwheel", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
 RIGHT = {"r", "rwheel", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
 TRUE = re.compile(r"truth|ground|(?<![a-z])(?:true|gt)(?![a-z])")
@@ -78,8 +79,8 @@ def sides(names: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     def on_side(side: str, abbreviations: set[str]) -> tuple[str, ...]:
         joints, driving = [], []
         for name in names:
-            lower = name.lower()
-            if side in lower or abbreviations & set(re.split(r"[^a-z]+", lower)):
+            lower, words = name.lower(), CAPITAL.sub("_", name).lower()
+            if side in lower or abbreviations & set(re.split(r"[^a-z]+", words)):
                 joints.append(name)
                 if any(word in lower for word in DRIVE_WORDS):
                     driving.append(name)

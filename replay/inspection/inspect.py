@@ -36,7 +36,7 @@ from icreckon.replay.inspection.latency import objection, track_latency, truth_l
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
-from icreckon.replay.reading.gather import as_paths, gather
+from icreckon.replay.reading.gather import as_paths, first_path, gather
 from icreckon.replay.reading.tables import Table
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
@@ -97,7 +97,7 @@ def inspect(
         ReplayError: no such file, no bag or table, nothing of it is readable, or not the streams that
             a person filled in.
     """
-    paths = as_paths(path)
+    paths, first = as_paths(path), first_path(path)
     surveys, notes, tables = _survey_files(paths, definitions)
     mapping = guess_topics(surveys.values())
     if tables:
@@ -112,12 +112,12 @@ def inspect(
     try:
         gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
         clocks = choose_clocks(evidence_of(gathered.streams))
-        log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
+        log = assemble(gathered, UNITS_OF_RADIUS, first.stem)
         in_units = _with_units(mapping, log, notes)
         if in_units is not mapping:
             mapping = in_units
             gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
-            log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
+            log = assemble(gathered, UNITS_OF_RADIUS, first.stem)
     except EqualStampsError:
         raise
     except ReplayError as problem:
@@ -135,7 +135,7 @@ def inspect(
     for table in tables:
         reports += _column_reports(table, mapping.columns)
     return Inspection(
-        path=paths[0],
+        path=first,
         duration=duration,
         topics=tuple(reports),
         mapping=mapping,
@@ -149,7 +149,7 @@ def inspect(
         ),
         dropped=log.dropped if log is not None else {},
         notes=(*coarse_stamps(log.notes if log else ()), *notes),
-        proposed_robot_file=robot_file.robot_file_text(paths[0], estimates),
+        proposed_robot_file=robot_file.robot_file_text(first, estimates),
         track=track,
     )
 

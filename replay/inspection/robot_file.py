@@ -27,7 +27,14 @@ shows, since the ground changes it [-]."""
 USUAL_DIFFERENCE_SIGMA = 0.02  # sigma of an unmeasured difference of the radii [-]
 STANDING_BIAS_SIGMA = 0.002  # sigma of a standstill's gyro bias, for other logs [rad/s]
 FILL_IN = "# not in the log: fill in"
-CHECKED = ("unit", "wrap", "time_unit", "rate_unit", "acceleration_unit", "yaw_unit")  # guessed keys
+CHECKED = (
+    "unit",
+    "wrap",
+    "time_unit",
+    "rate_unit",
+    "acceleration_unit",
+    "yaw_unit",
+)  # guessed keys
 CLEAR_SIGN = 0.3  # least correlation of tracks and gyro that shows the sign of turning [-]
 MARGIN = 1.2  # highest speed of a robot over the fastest in a log [-]
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import msgspec
 
-from icreckon.replay.bags.bag_files import Bag, over_bag
+from icreckon.replay.bags.bag_files import BAG_SUFFIXES, Bag, over_bag
 from icreckon.replay.bags.decoding import Definitions, decoder
 from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRING, TWIST
-from icreckon.replay.bags.table_files import is_table
-from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
+from icreckon.replay.bags.table_files import TABLE_SUFFIXES, is_table
+from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError, os_errors
 from icreckon.replay.mapping.field_paths import field_reader
 from icreckon.replay.mapping.topics import (
     MAPPING_TOPIC,
@@ -50,6 +50,8 @@ class Gathered:
 def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
     """Convert one or several paths of files that make one log to a list.
 
+    A folder of tables stands for these.
+
     Raises:
         ReplayError: there is no path, one is not UTF-8, or one is given twice.
     """
@@ -59,8 +61,25 @@ def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
     for one in paths:
         if str(one) != str(one).encode("utf-8", "replace").decode():
             raise ReplayError(f"{str(one)!a}: the name is not UTF-8; rename the file")
+    paths = [file for one in paths for file in _tables_of(one) or [one]]
     refuse_twice(paths, "log")
     return paths
+
+
+def first_path(path: Path | str | Sequence[Path | str]) -> Path:
+    """First file or folder that was named, after which the log is named."""
+    return Path(path if isinstance(path, Path | str) else path[0])
+
+
+def _tables_of(folder: Path) -> list[Path]:
+    """Tables in a folder, in the order of their names; none if it is a bag, or no folder."""
+    if not folder.is_dir():
+        return []
+    with os_errors(folder, "cannot be read"):
+        files = sorted(folder.iterdir())
+    if any(file.name.endswith(BAG_SUFFIXES) for file in files):
+        return []
+    return [file for file in files if file.name.lower().endswith(TABLE_SUFFIXES)]
 
 
 def refuse_twice(names: Sequence[Path | str], what: str) -> None:

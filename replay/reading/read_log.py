@@ -8,7 +8,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.mapping.topics import TopicMap, topic_map
-from icreckon.replay.reading.gather import as_paths, gather
+from icreckon.replay.reading.gather import as_paths, first_path, gather
 from icreckon.replay.reading.to_log import assemble
 
 LOGGER = logging.getLogger(__name__)
@@ -49,7 +49,7 @@ def read_log(
     gathered = gather(
         paths, mapping, own_mapping=topics is None, definitions=definitions, progress=progress
     )
-    first = paths[0]
+    first = first_path(path)
     log = assemble(gathered, robot, first.stem if first.is_file() else first.name)
     LOGGER.info("read %r", log)
     return log

@@ -213,6 +213,7 @@ def test_tables_with_times_in_different_units(tmp_path: Path) -> None:
     np.savetxt(gps := tmp_path / "gps.csv", fixes, "%.9f", ",", header=names, comments="")
     (settings := tmp_path / "settings.csv").write_text("gain,offset\n1.0,2.0\n", "utf-8")
     found = inspect([tracks, gps, settings])
+    assert inspect(tmp_path).mapping.columns.fixes.latitude == "latitude"
     assert any(
         "no column looks like a time, not used: settings.csv" in note for note in found.notes
     )
@@ -224,13 +225,15 @@ def test_tables_with_times_in_different_units(tmp_path: Path) -> None:
         text = text.replace(f"{key} = nan", f"{key} = 0.5")
     text = text.replace("eta0 = nan", "eta0 = 1.5")
     (robot := tmp_path / "robot.toml").write_text(text, "utf-8")
-    log = read_log([tracks, gps], load_robot(robot))
+    log = read_log(tmp_path, load_robot(robot))
+    assert log.name == tmp_path.name
     assert log.fixes.stamps.tolist() == log.tracks.stamps.tolist()
 
 
-def test_counters_of_16_bits(tmp_path: Path) -> None:
+@pytest.mark.parametrize("names", ["enc_l;enc_r", "encL;encR"])
+def test_counters_of_16_bits(tmp_path: Path, names: str) -> None:
     log, robot = (
-        table(tmp_path / "own.csv", f"t [ms];enc_l;enc_r;{REST}", ticks=True),
+        table(tmp_path / "own.csv", f"t [ms];{names};{REST}", ticks=True),
         tmp_path / "own.toml",
     )
     text = inspect(log).proposed_robot_file

@@ -279,6 +279,12 @@ def test_spaces_and_a_byte_order_mark(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.tracks.speeds, [[0.1, 0.2]])
 
 
+@pytest.mark.parametrize("comments", ["# v1.2\n", "# a, b, c\n# radius: 0.2 m\n", "# v1.2\n# "])
+def test_comments_above_the_names(tmp_path: Path, comments: str) -> None:
+    log = read(write(tmp_path / "run.csv", comments + RUN), tracks=SPEEDS)
+    np.testing.assert_array_equal(log.tracks.speeds, [[0.1, 0.2], [0.3, 0.4]])
+
+
 @pytest.mark.parametrize(
     ("columns", "part"),
     [
