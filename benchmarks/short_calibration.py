@@ -89,7 +89,7 @@ def with_robot(log: Log, old: Robot, new: Robot) -> Log:
 
 
 def _latency(robot: Robot) -> float:
-    tracks = topic_map(robot, robot.name).tracks
+    tracks = topic_map(robot).tracks
     return 0.0 if tracks is None else tracks.latency
 
 

@@ -17,6 +17,7 @@ AT = re.compile(r" - at `\$\.?(.*)`$", re.DOTALL)
 ANY_KEY = "[...]"
 STEP = re.compile(r"\[[^\]]*\]|[^.\[\]]+")
 EXPECTED, GOT = re.compile(r"^Expected `([^`]*)`"), re.compile(r", got `([^`]*)`")
+NO_CHOICE = "Invalid enum value "
 MISSING = re.compile(r"^Object missing required field (`[^`]*`)")
 KINDS = {
     "object": "a table",
@@ -73,16 +74,19 @@ def convert(data: dict[str, Any], kind: type[T], source: str, error: type[Icreck
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as problem:
-        raise error(f"{source}: {in_words(str(problem), data)}") from None
+        raise error(f"{source}: {in_words(str(problem), data, kind)}") from None
 
 
-def in_words(problem: str, data: dict[str, Any]) -> str:
-    """Rephrase a validation error of data, as "[gyro] bias_walk: expected a number"."""
+def in_words(problem: str, data: dict[str, Any], kind: type[msgspec.Struct]) -> str:
+    """Rephrase a validation error of data of a kind, as "[gyro] bias_walk: expected a number"."""
     end = AT.search(problem)
     text, path = (problem[: end.start()], end.group(1)) if end else (problem, "")
     text = EXPECTED.sub(lambda parts: f"expected {_kinds(parts[1])}", text)
     text = GOT.sub(lambda parts: f", found {_kinds(parts[1])}", text)
     text = MISSING.sub(r"\1 is missing", text)
+    if text.startswith(NO_CHOICE):
+        choices = ", ".join(_choices(kind, STEP.findall(path)))
+        text = f"expected one of {choices}, found {text.removeprefix(NO_CHOICE)}"
     # Steps of the path to the value, as ["log", "tracks", "[0]"].
     steps, value = [], cast(Any, data)
     for step in STEP.findall(path):
@@ -104,6 +108,16 @@ def in_words(problem: str, data: dict[str, Any]) -> str:
     table = f"[{'.'.join(names)}]" if names else ""
     where = " ".join(filter(None, [table, leaf, *numbers]))
     return f"{where}: {text}" if where else text
+
+
+def _choices(annotation: Any, steps: list[str]) -> list[str]:
+    """Texts that a field allows, in quotes; the steps lead to it from a structure."""
+    for step in steps:
+        for struct in _structs_in(annotation):
+            annotation = typing.get_type_hints(struct).get(step, annotation)
+    if typing.get_origin(annotation) is typing.Literal:
+        return [repr(text) for text in typing.get_args(annotation)]
+    return [text for part in typing.get_args(annotation) for text in _choices(part, [])]
 
 
 def _kinds(names: str) -> str:

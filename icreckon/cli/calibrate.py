@@ -92,7 +92,7 @@ def command(
     arm = None if lever_arm is None else _pair(lever_arm)
     message_files = message_files or []
     definitions = read_definitions(message_files)
-    parts = robot.log and are_parts(paths, topic_map(robot, robot_name).columns)
+    parts = robot.log and are_parts(paths, topic_map(robot).columns)
     logs_of = [paths] if parts else list(map(_files_of, paths))
     with results_folder(out, f"icreckon-calibrate-{paths[0].stem}", overwrite=overwrite) as folder:
         read = [_read(files, robot, definitions) for files in logs_of]
@@ -104,7 +104,7 @@ def command(
                     segment=segment,
                     lever_arm=arm,
                     models=names,
-                    speeds_by_radius=topic_map(robot, robot_name).in_rates,
+                    speeds_by_radius=topic_map(robot).in_rates,
                     progress=report_progress,
                 )
             except IcreckonError as problem:

@@ -131,11 +131,7 @@ def command(
     wanted: list[str | None] = [*robot_names] or [None]
     robots = dict(the_robot(name, files_of[0]) for name in wanted)
     refuse_twice(robot_names, "robot file")
-    if any(
-        are_parts(paths, topic_map(robot, robot.name).columns)
-        for robot in robots.values()
-        if robot.log
-    ):
+    if any(are_parts(paths, topic_map(robot).columns) for robot in robots.values() if robot.log):
         say(f"read as one log, of which each file has a part: {', '.join(map(str, paths))}")
         files_of = [paths]
     names = None if variants is None else [name.strip() for name in variants.split(",")]

@@ -166,5 +166,5 @@ def options_from(values: Mapping[str, Any]) -> NodeOptions:
     try:
         return msgspec.convert(plain, NodeOptions)
     except msgspec.ValidationError as problem:
-        text = in_words(str(problem), plain)
+        text = in_words(str(problem), plain, NodeOptions)
         raise EstimatorError(f"parameters of the node: {text}") from None

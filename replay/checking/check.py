@@ -101,7 +101,7 @@ def in_base(imu: ImuSeries, robot: Robot) -> tuple[Floats, Floats | None]:
 
 def has_track_rates(robot: Robot) -> bool:
     """True if the track speeds of a robot's logs are rates, multiplied by its radius."""
-    return topic_map(robot, robot.name).in_rates if robot.log else True
+    return topic_map(robot).in_rates if robot.log else True
 
 
 def from_twist(robot: Robot) -> bool:
@@ -112,7 +112,7 @@ def from_twist(robot: Robot) -> bool:
 
 def mapped_tracks(robot: Robot) -> TrackKeys | None:
     """Map of the track speeds of a robot's logs; None if there is none."""
-    return topic_map(robot, robot.name).track_keys
+    return topic_map(robot).track_keys
 
 
 def tracks_table(robot: Robot) -> str:

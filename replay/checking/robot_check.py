@@ -92,7 +92,7 @@ def _is_slight(scale: Check) -> bool:
 
 def topics_left_out(guessed: TopicMap, robot: Robot) -> list[str]:
     """Report streams of a bag, by its guessed topics, that a robot file leaves out."""
-    mapping = topic_map(robot, robot.name)
+    mapping = topic_map(robot)
     return [
         left_out(description, getattr(guessed, stream).topic, stream)
         for stream, description in STREAMS.items()

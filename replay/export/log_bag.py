@@ -63,7 +63,7 @@ def write_log(
         ReplayError: a bad mapping, stamps that ROS cannot hold, the path exists, or the file system
             refuses.
     """
-    robot_topics = topic_map(robot, f"robot {robot.name!r}")
+    robot_topics = topic_map(robot)
     topics = _with_antenna(writable_topics(robot_topics), log)
     outboxes = _log_outboxes(log, topics, robot.vehicle.sprocket_radius)
     if topics != robot_topics:
@@ -77,7 +77,7 @@ def check_place(path: Path, format: Format, robot: Robot, *, overwrite: bool = F
     Raises:
         ReplayError: a bad mapping, or an existing output that may not be replaced.
     """
-    topic_map(robot, f"robot {robot.name!r}")
+    topic_map(robot)
     check_replaceable(bag_path(path, format), overwrite=overwrite, mark=MARK.encode())
 
 

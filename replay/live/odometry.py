@@ -339,7 +339,7 @@ def live_topics(robot: Robot) -> TopicMap:
     Raises:
         ReplayError: a misspelt key, a wrong type or a bad value.
     """
-    mapping = topic_map(robot, f"robot {robot.name!r}")
+    mapping = topic_map(robot)
     return mapping if mapping.tracks is not None else writable_topics(mapping)
 
 

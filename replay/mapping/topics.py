@@ -244,10 +244,10 @@ def with_column_keys(text: str, robot: Robot) -> str:
     return text.replace(" its topic in [log.col", " its columns in [log.col")
 
 
-def topic_map(robot: Robot, source: str) -> TopicMap:
-    """Convert and check the `[log]` table of a robot; `source` names it in errors.
+def topic_map(robot: Robot) -> TopicMap:
+    """Convert and check the `[log]` table of a robot.
 
     Raises:
         ReplayError: a misspelt key, a wrong type or a bad value.
     """
-    return convert(robot.log, TopicMap, f"{source}: [log]", ReplayError)
+    return convert(robot.log, TopicMap, f"robot {robot.name!r}: [log]", ReplayError)

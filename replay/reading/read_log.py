@@ -45,7 +45,7 @@ def read_log(
             unsupported message type. Other missing streams are left out and noted.
     """
     paths = as_paths(path)
-    mapping = topics if topics is not None else topic_map(robot, f"robot {robot.name!r}")
+    mapping = topics if topics is not None else topic_map(robot)
     gathered = gather(
         paths, mapping, own_mapping=topics is None, definitions=definitions, progress=progress
     )

@@ -44,7 +44,7 @@ def test_the_robot_file_in_the_docs_loads_and_shows_every_key(tmp_path: Path) ->
     path = tmp_path / "robot.toml"
     path.write_text(text, encoding="utf-8")
     robot = load_robot(path)
-    topic_map(robot, str(path))
+    topic_map(robot)
     for table in (
         robot.vehicle,
         robot.indices,

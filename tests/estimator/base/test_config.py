@@ -1,5 +1,7 @@
 """Configuration from TOML: what is wrong is refused, and the message says what would be right."""
 
+from typing import Literal
+
 import msgspec
 import pytest
 
@@ -10,6 +12,8 @@ from icreckon.estimator.base.errors import EstimatorError, nearest_hint
 class Inner(msgspec.Struct, forbid_unknown_fields=True):
     speed: float = 1.0
     name: str = ""
+    unit: Literal["s", "ms"] | None = None
+    axes: tuple[Literal["x", "y"], ...] = ()
 
 
 class Outer(msgspec.Struct, forbid_unknown_fields=True):
@@ -61,6 +65,13 @@ def test_wrong_type_names_the_place():
     assert inner.endswith("inner: expected a table, found a whole number")
     several = refused({"title": "t", "several": [{}, {"speed": "fast"}]})
     assert "[several] speed number 2: expected a number, found text" in several
+
+
+def test_a_text_that_is_no_choice_names_the_choices():
+    unit = refused({"title": "t", "maybe": {"unit": "sec"}})
+    assert unit.endswith("[maybe] unit: expected one of 's', 'ms', found 'sec'")
+    axes = refused({"title": "t", "several": [{"axes": ["x", "z"]}]})
+    assert axes.endswith("expected one of 'x', 'y', found 'z'")
 
 
 def test_missing_key_is_named():

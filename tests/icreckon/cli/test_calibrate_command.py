@@ -140,7 +140,7 @@ def test_the_robot_file_loads_and_replays(folder: Path) -> None:
     assert text.startswith("# Calibrated by icreckon from drive, starting from auriga-alpha.\n")
     assert "\nH = 0.67134" in text
     assert "± " in text
-    topic_map(robot, "found.toml")
+    topic_map(robot)
     log = read_log(folder / "drive", robot)
     variants = ["gyro", "inertia-fixed"]
     comparison = compare(log, robot, variants)
@@ -196,7 +196,7 @@ def test_the_robot_file_keeps_all_of_its_tables(folder: Path) -> None:
     assert again.soil == full.soil
     assert again.indices == full.indices
     assert again.log["columns"] == mapped["columns"]
-    topics = topic_map(again, "full.toml")
+    topics = topic_map(again)
     assert topics.tracks.left == ("left_track_joint",)
 
 

@@ -23,7 +23,7 @@ def proposed(inspection: Inspection, folder: Path) -> tuple[Robot, TopicMap]:
     completed = inspection.proposed_robot_file.replace("= nan", "= 1.0")
     path.write_text(completed, encoding="utf-8")
     robot = load_robot(path)
-    return robot, topic_map(robot, str(path))
+    return robot, topic_map(robot)
 
 
 def driven_log(rpy_deg: tuple[float, float, float], z_only: bool = False) -> Log:
@@ -157,7 +157,7 @@ def test_a_made_bag(tmp_path: Path, robot: Robot) -> None:
     assert by_name["/joint_states"].repeated_share == 0.0
     assert found.duration == pytest.approx(4.0, abs=0.05)
     _, topics = proposed(found, tmp_path)
-    assert topics == topic_map(robot, "shipped")
+    assert topics == topic_map(robot)
 
 
 @pytest.mark.parametrize("form", ["mcap", "ros1"])

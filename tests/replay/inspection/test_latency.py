@@ -61,7 +61,7 @@ def test_it_is_taken_off_the_stamps(tmp_path: Path) -> None:
     robot = load_robot("marmotte")
     bag = write_log(make_log(), tmp_path / "log", "mcap", robot)
     # What a simulator writes is in time, whatever the robot's own logs are.
-    topics = writable_topics(topic_map(mapped(robot, tracks=0.2), "test"))
+    topics = writable_topics(topic_map(mapped(robot, tracks=0.2)))
     assert topics.tracks.latency == 0.0
     in_time = read_log(bag, robot, topics=topics)
     tracks, imu = (

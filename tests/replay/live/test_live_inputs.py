@@ -23,7 +23,7 @@ TRACKS = [("/js", joints(stamp, (1.0 + 0.1 * k, 2.0))) for k, stamp in enumerate
 def live_inputs(**log: Any) -> tuple[LiveInputs, dict[str, Subscription]]:
     """Inputs of a robot, and its subscriptions by topic."""
     robot = robot_with(**log)
-    inputs = LiveInputs(robot, topic_map(robot, "robot"))
+    inputs = LiveInputs(robot, topic_map(robot))
     return inputs, {one.topic: one for one in inputs.subscriptions()}
 
 

@@ -78,7 +78,7 @@ def test_a_misspelt_joint_comes_with_the_nearest() -> None:
 
 def test_joints_are_missing_only_after_a_while() -> None:
     robot = robot_with(tracks={"topic": "/js", "left": ["l"], "right": ["rigth"]})
-    inputs = LiveInputs(robot, topic_map(robot, "robot"))
+    inputs = LiveInputs(robot, topic_map(robot))
     (tracks,) = inputs.subscriptions()
     assert inputs.missing_joints(0) == ""
     for k in range(5):
@@ -90,7 +90,7 @@ def test_joints_are_missing_only_after_a_while() -> None:
 
 def test_joints_in_messages_of_their_own_are_there_once_each_has_come() -> None:
     robot = robot_with(tracks={"topic": "/js", "left": ["l"], "right": ["r"]})
-    inputs = LiveInputs(robot, topic_map(robot, "robot"))
+    inputs = LiveInputs(robot, topic_map(robot))
     (tracks,) = inputs.subscriptions()
     for name in ("l", "r"):
         inputs.take(tracks, JOINTS, joints(SECOND, (1.0,), (name,)), SECOND)
@@ -101,7 +101,7 @@ def test_the_types_that_fit_are_those_that_need_no_names_of_fields() -> None:
     robot = robot_with(
         tracks={"topic": "/js", "left": ["l"], "right": ["r"]}, imu={"topic": "/imu"}
     )
-    inputs = LiveInputs(robot, topic_map(robot, "robot"))
+    inputs = LiveInputs(robot, topic_map(robot))
     tracks, imu = inputs.subscriptions()
     assert JOINTS in inputs.fitting_types(tracks)
     assert inputs.fitting_types(imu) == (IMU,)

@@ -40,7 +40,7 @@ LOGS = {
 def test_every_robot_file_loads(name: str) -> None:
     robot = load_robot(name)
     assert robot.name == name
-    topics = topic_map(robot, name)
+    topics = topic_map(robot)
     assert topics.imu is not None
 
 

@@ -239,7 +239,7 @@ def test_a_misspelt_key_of_the_mapping() -> None:
         ({"truth": {"topic": "/t", "tracks": "/tt"}}, "needs the joints"),
     ):
         with pytest.raises(ReplayError, match=part):
-            topic_map(robot_with(**log), "test.toml")
+            topic_map(robot_with(**log))
 
 
 def test_a_ros2_folder_without_metadata(tmp_path: Path, robot: Robot) -> None:

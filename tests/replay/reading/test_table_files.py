@@ -299,7 +299,7 @@ def test_comments_above_the_names(tmp_path: Path, comments: str) -> None:
 )
 def test_a_wrong_column_map(columns: dict[str, object], part: str) -> None:
     with pytest.raises(ReplayError, match=part):
-        topic_map(robot_with(**columns), "test.toml")
+        topic_map(robot_with(**columns))
 
 
 def test_names_that_are_not_utf8(tmp_path: Path) -> None:

@@ -90,7 +90,7 @@ def test_columns_of_wheels_too(tmp_path: Path) -> None:
 
 def test_live_messages_have_the_wheels_always() -> None:
     robot = robot_of()
-    inputs = LiveInputs(robot, topic_map(robot, "robot"))
+    inputs = LiveInputs(robot, topic_map(robot))
     topics = {one.purpose: one for one in inputs.subscriptions()}
     found = []
     for k in range(10):
