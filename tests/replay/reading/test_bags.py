@@ -187,8 +187,10 @@ def test_a_missing_topic_lists_those_that_are_there(tmp_path: Path) -> None:
 def test_other_missing_topics_are_noted(tmp_path: Path) -> None:
     robot = robot_with(tracks=JOINTS, imu={"topic": "/i"}, truth={"topic": "/t", "twist": "/tt"})
     log = read_log(write_bag(tmp_path / "bag", SPEEDS), robot)
-    assert len(log.notes) == 3
-    assert "'/i' for imu is not in the bag" in log.notes[0]
+    imu_note, truth_note = log.notes
+    assert "'/i' for imu is not in the bag" in imu_note
+    assert "'/t' for truth is not in the bag" in truth_note
+    assert "'/tt'" not in truth_note
 
 
 def test_an_imu_that_the_robot_file_leaves_out_is_noted(tmp_path: Path) -> None:
