@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import BEYOND, BLOCKS, beside_lowest, jackknife_sigma
-from icreckon.estimator.log.scores import even_grid, longest_interval, pieces
+from icreckon.estimator.log.scores import even_grid, pieces
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, running_integral
 
 NEAR = np.arange(-0.5, 1.2001, 0.02)  # candidate lags [s]; negative if the reference is late
@@ -24,7 +24,7 @@ AROUND = np.arange(-0.3, 0.3001, 0.02)  # grid about a lag of `FAR` [s]
 WINDOW, SPACING = 1.0, 0.1  # length of the windows, and least distance between them [s]
 FEWEST, FEWEST_FAR, MOST = 10 * BLOCKS, 300, 20_000
 """Least numbers of windows for lags of `NEAR` and `FAR`, and the most that are used."""
-LARGEST_HOLE = 0.5  # windows with a longer gap between frequent samples are left out [s]
+LARGEST_HOLE = 0.5  # windows with a longer gap between samples are left out [s]
 LEAST_AGREEMENT, LEAST_FAR = 0.1, 0.5
 """Share of the spread that the line has to explain, at lags of `NEAR` and `FAR` [-]."""
 CERTAIN = 0.04  # standard error up to which a lag counts even if it is within it [s]
@@ -146,7 +146,10 @@ def _search(
     origin = int(late.stamps[0])
     starts = _windows(late, reference, origin, lags)
     if len(starts) < fewest_windows:
-        return NoLag(f"the log is too short, with {len(starts) * SPACING:.0f} s to compare")
+        return NoLag(
+            f"the log is too short, or its samples are more than {LARGEST_HOLE:g} s apart, with "
+            f"{len(starts) * SPACING:.0f} s to compare"
+        )
     late_changes = late.changes(origin, starts)
     spread = np.std(reference.changes(origin, starts))
     if spread < least_spread or np.ptp(late_changes) == 0.0:
@@ -186,7 +189,7 @@ def _windows(late: Curve, reference: Curve, origin: int, lags: Floats) -> Floats
 
 def _covered(stamps: Stamps, seconds: Floats, begins: Floats, ends: Floats) -> NDArray[np.bool_]:
     """Mask (k,) of the intervals [s] that contain no gap between stamps (n,)."""
-    piece = pieces(stamps, longest_interval(stamps, LARGEST_HOLE))
+    piece = pieces(stamps, LARGEST_HOLE)
     first = np.clip(np.searchsorted(seconds, begins, side="right") - 1, 0, None)
     last = np.minimum(np.searchsorted(seconds, ends), len(piece) - 1)
     return np.asarray(piece[first] == piece[last])

@@ -136,15 +136,16 @@ def drift(
         horizon: length of the segments [s, m].
         unit: "s" for segments of a duration, "m" for those of a distance.
         within: intervals of stamps [ns] that must contain a segment; None for everywhere.
-        largest_gap: segments across a longer gap in the truth are left out [s]; None for
-            `longest_interval`, at least a second.
+        largest_gap: segments across a longer gap in the truth are left out [s]; None for one second, or
+            more where the truth is slower, see `USUAL_GAPS`.
     """
     shared = truth.rows(is_shared(estimate, truth))
     stamps = shared.stamps
     if len(stamps) < 2:
         return Drift(horizon, unit, stamps[:0], *(np.zeros(0) for _ in range(4)))
     if largest_gap is None:
-        largest_gap = longest_interval(truth.stamps, LEAST_GAP)
+        usual = float(np.median(np.diff(truth.stamps))) * NANOSECOND
+        largest_gap = max(LEAST_GAP, min(USUAL_GAPS * usual, LONGEST_FILLED))
     true_poses = interpolate_poses(truth, stamps)
     travelled = path_length(shared)
     first = segment_starts(stamps)
@@ -157,15 +158,6 @@ def drift(
     errors = segment_errors(interpolate_poses(estimate, stamps), true_poses, first, last)
     distances = travelled[last] - travelled[first]
     return Drift(horizon, unit, stamps[first], durations, *errors, distances)
-
-
-def longest_interval(stamps: Stamps, least: float) -> float:
-    """Longest interval between stamps (n,) that is no gap [s].
-
-    It is `least`, or more where the series is slower, see `USUAL_GAPS`.
-    """
-    usual = float(np.median(np.diff(stamps))) * NANOSECOND
-    return max(least, min(USUAL_GAPS * usual, LONGEST_FILLED))
 
 
 def is_shared(estimate: PoseSeries | Trajectory, truth: PoseSeries) -> NDArray[np.bool_]:

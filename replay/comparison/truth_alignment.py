@@ -22,14 +22,15 @@ from icreckon.estimator.log.lag import (
     places_of,
 )
 from icreckon.estimator.log.path_heading import PathHeadings, headings_by_path
-from icreckon.estimator.log.scores import even_grid, interpolate_poses, longest_interval, pieces
+from icreckon.estimator.log.scores import even_grid, interpolate_poses, pieces
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
+from icreckon.replay.comparison.fixes import OF_FIXES
 from icreckon.replay.comparison.truth_level import levelled
 
 GRID_STEP = 0.1
 LEVER_WINDOW = 2.0
-LARGEST_HOLE = 0.5  # windows across a longer gap in a frequent truth are omitted [s]
+LARGEST_HOLE = 0.5  # windows across a longer gap in the truth are omitted [s]
 ROUNDS = 3  # rounds of headings and lever arm of a truth without headings
 LOGGED_START_SIGMA = (0.02, 0.01)  # sigma of the initial pose from a logged truth [m, rad]
 TRIMMED_SHARE = 0.8  # share of the windows kept for the lever arm, by their residuals [-]
@@ -63,9 +64,10 @@ class TruthAlignment:
         """Notes on missing headings, and on a lag that is not observable."""
         found = []
         if self.headings is not None:
+            nees = "" if self.truth.source == OF_FIXES else ", NEES of the position"
             found.append(
-                "the truth has no headings: scored are positions (drift, error at the end, NEES of the "
-                "position). They are aligned by headings from the path of tracks and gyro, "
+                f"the truth has no headings: scored are positions (drift, error at the end{nees}). They "
+                "are aligned by headings from the path of tracks and gyro, "
                 f"± {math.degrees(self.headings.sigma):.1f}°"
             )
         if self.no_lag:
@@ -153,7 +155,7 @@ def _windows(truth: PoseSeries, reckoned: PoseSeries) -> tuple[Stamps, Stamps]:
     high = min(truth.stamps[-1], reckoned.stamps[-1]) - int(LEVER_WINDOW / NANOSECOND)
     starts = even_grid(low, high, int(GRID_STEP / NANOSECOND), truth.stamps)
     ends = starts + int(LEVER_WINDOW / NANOSECOND)
-    piece_numbers = pieces(truth.stamps, longest_interval(truth.stamps, LARGEST_HOLE))
+    piece_numbers = pieces(truth.stamps, LARGEST_HOLE)
     first = np.searchsorted(truth.stamps, starts, side="right") - 1
     last = np.minimum(np.searchsorted(truth.stamps, ends), len(piece_numbers) - 1)
     unbroken = piece_numbers[first] == piece_numbers[last]

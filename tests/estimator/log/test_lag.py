@@ -111,17 +111,6 @@ def test_places_show_it_by_changes_of_speed() -> None:
             assert found.seconds == pytest.approx(0.25, abs=0.01)
 
 
-def test_positions_of_plain_gps_show_it() -> None:
-    """Once a second, from a robot that stops and goes: gaps are longer than between its samples."""
-    times = np.arange(0.0, 300.0, 1.0 / RATE)
-    speed = 0.5 + 0.5 * np.sign(np.sin(0.4 * times))
-    path = np.column_stack([np.cumsum(speed) / RATE, np.zeros((len(times), 2))])
-    stamps = stamps_of(times)
-    late = PoseSeries(stamps[::50] + 700_000_000, path[::50])
-    found = find_lag(places_of(late), places_of(PoseSeries(stamps, path)), least=0.05)
-    assert found.seconds == pytest.approx(0.7, abs=0.05)
-
-
 def test_windows_across_gaps_do_not_count() -> None:
     """Of a truth that was away, and of a gyro; in a gap nothing may be interpolated."""
     heading, gyro = weaving(0.3, noise=0.0)

@@ -26,16 +26,20 @@ def scored(log: Log, part=PART) -> dict:
 def test_drift_is_about_that_against_the_truth(log: Log):
     by_truth, by_fixes = scored(log), scored(replace(log, truth=None))
     assert (by_truth["truth"]["source"], by_fixes["truth"]["source"]) == ("friction", OF_FIXES)
+    noise = by_fixes["truth"]["noise_drift_percent"]["30s"]
     for name in VARIANTS:
         known, found = (one["variants"][name] for one in (by_truth, by_fixes))
         key = "drift_percent_30s_mean"
-        assert found[key] == pytest.approx(known[key], rel=0.35)
+        # Noise of the fixes adds to the errors, at most as much as to those of a perfect path.
+        assert 0.9 * known[key] < found[key] < known[key] + noise
         assert found["drift_segments_30s"] > 30
         # Nothing says how wrong the fixes are, so consistency is not judged.
         assert found["nees_pose_mean"] is None
         assert found["nees_position_mean"] is None
         # The run itself is the same: the fixes that are scored against are not used.
         assert found["used"] == known["used"]
+    distances = by_fixes["truth"]["distance_m"], by_truth["truth"]["distance_m"]
+    assert distances[0] == pytest.approx(distances[1], rel=0.02)
     gyro, inertia = (by_fixes["variants"][name]["drift_percent_30s_mean"] for name in VARIANTS)
     assert inertia < gyro
     notes = by_fixes["log"]["notes"]
