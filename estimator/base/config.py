@@ -78,7 +78,7 @@ def convert(data: dict[str, Any], kind: type[T], source: str, error: type[Icreck
 
 
 def in_words(problem: str, data: dict[str, Any], kind: type[msgspec.Struct]) -> str:
-    """Rephrase a validation error of data of a kind, as "[gyro] bias_walk: expected a number"."""
+    """Rephrase a validation error, as "[gyro] bias_walk: expected a number"."""
     end = AT.search(problem)
     text, path = (problem[: end.start()], end.group(1)) if end else (problem, "")
     text = EXPECTED.sub(lambda parts: f"expected {_kinds(parts[1])}", text)

@@ -106,7 +106,7 @@ def _read_trajectory(path: Path) -> Read:
 
 
 def _comments(lines: Sequence[str]) -> int:
-    """Number of comments (`# ...`) before the line of names, which may begin with # too."""
+    """Number of comments (`# ...`) before the names, which may begin with # too."""
     marked = next((k for k, line in enumerate(lines) if not line.startswith("#")), 0)
     if not marked:
         return 0

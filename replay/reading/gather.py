@@ -72,7 +72,7 @@ def first_path(path: Path | str | Sequence[Path | str]) -> Path:
 
 
 def _tables_of(folder: Path) -> list[Path]:
-    """Tables in a folder, in the order of their names; none if it is a bag, or no folder."""
+    """Tables in a folder, ordered by name; none if it is a bag, or no folder."""
     if not folder.is_dir():
         return []
     with os_errors(folder, "cannot be read"):
