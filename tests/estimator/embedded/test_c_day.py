@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from c_filters import compiler
+from conftest import thorough
 from icreckon.estimator.embedded.c_filter import filter_in_c
 from icreckon.estimator.robot.variants import VARIANTS
 from same_runs import ROBOT
@@ -31,7 +32,7 @@ def rows_of(folder: Path, bits: int, compact: bool) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("compact", [False, True])
+@pytest.mark.parametrize("compact", [False, thorough(True)])
 def test_a_day_in_float_is_that_in_double(compact: bool, tmp_path: Path) -> None:
     """Hours without fixes, to 1 km and more of sigma, then fixes of 5 cm: sums and covariance hold."""
     (tmp_path / "32").mkdir()

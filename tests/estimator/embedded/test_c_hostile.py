@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from c_filters import compiler
+from conftest import thorough
 from icreckon.estimator.embedded.c_filter import Exported, filter_in_c
 from icreckon.estimator.robot.variants import VARIANTS
 from same_runs import ROBOT
@@ -50,11 +51,14 @@ ALL = [(one, bits, "gcc") for one in ("gyro", "full-linear", "inertia-online") f
 OTHERS = [("gyro", 32, "clang"), ("full-linear", 64, "clang"), ("inertia-online", 32, "clang")]
 COMPACT = [("inertia-online", 32, "gcc"), ("full-linear", 64, "clang")]
 FORMS = [*((*one, False) for one in ALL + OTHERS), *((*one, True) for one in COMPACT)]
+# The largest filter; the others with `-m thorough`.
+OFTEN = [one for one in FORMS if "inertia-online" in one]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("variant", "bits", "cc", "compact", "seed"), [(*one, k) for k, one in enumerate(FORMS, 2)]
+    ("variant", "bits", "cc", "compact", "seed"),
+    [(*one, k) if one in OFTEN else thorough(*one, k) for k, one in enumerate(FORMS, 2)],
 )
 def test_ten_hostile_minutes(
     variant: str, bits: int, cc: str, compact: bool, seed: int, tmp_path: Path

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import pytest
 
+from conftest import thorough
 from icreckon import VARIANTS, Scenario, simulate
 from icreckon.estimator.embedded.c_filter import filter_in_c
 from icreckon.estimator.embedded.vectors import vectors_of
@@ -116,8 +117,10 @@ def code_size(of: Path) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("variant", ["gyro", "inertia-online"])
-@pytest.mark.parametrize("compact", [False, True])
+@pytest.mark.parametrize(
+    ("compact", "variant"),
+    [(False, "gyro"), (False, "inertia-online"), (True, "inertia-online"), thorough(True, "gyro")],
+)
 @pytest.mark.parametrize("name", BOARDS)
 def test_on_a_cortex_m(name: str, compact: bool, variant: str, tmp_path: Path) -> None:
     board, of = BOARDS[name], VARIANTS[variant]
