@@ -63,8 +63,9 @@ def guess_topics(surveys: Iterable[Survey]) -> TopicMap:
     """
     recorded = [survey for survey in surveys if survey.recorded]
     recorded.sort(key=lambda survey: survey.channel.topic)
-    truths = {one.channel.topic: one for one in recorded if is_truth(one.channel.topic)}
-    sensors = {one.channel.topic: one for one in recorded if not is_truth(one.channel.topic)}
+    by_topic = {survey.channel.topic: survey for survey in recorded}
+    truths = {topic: survey for topic, survey in by_topic.items() if is_truth(topic)}
+    sensors = {topic: survey for topic, survey in by_topic.items() if not is_truth(topic)}
     tracks, imu, heading = _tracks(sensors), _imu(sensors), _heading(sensors)
     if tracks:
         del sensors[tracks.topic]  # an odometry that gives track speeds is no fix, too
@@ -182,9 +183,11 @@ def is_of_wheel(name: str) -> bool:
 
 def _measures_rates(survey: Survey) -> bool:
     """Test the samples of an Imu topic for rates that are neither absent nor all zero."""
-    present = [one for one in survey.messages if one.angular_velocity_covariance[0] != ABSENT]
-    rates = [one.angular_velocity for one in present]
-    return any((rate.x, rate.y, rate.z) != (0.0, 0.0, 0.0) for rate in rates)
+    for message in survey.messages:
+        rate, is_absent = message.angular_velocity, message.angular_velocity_covariance[0] == ABSENT
+        if not is_absent and (rate.x, rate.y, rate.z) != (0.0, 0.0, 0.0):
+            return True
+    return False
 
 
 def _heading(surveys: Mapping[str, Survey]) -> HeadingTopic | None:

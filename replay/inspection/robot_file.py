@@ -17,7 +17,7 @@ from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
 from icreckon.replay.inspection.latency import objection
 from icreckon.replay.inspection.wheels import NO_WHEELS, WheelEstimates, heading_offset
 from icreckon.replay.mapping.columns import ColumnMap
-from icreckon.replay.mapping.topics import TopicMap, TrackTopic
+from icreckon.replay.mapping.topics import HeadingTopic, TopicMap, TrackTopic
 from icreckon.replay.reading.clocks import Choice
 
 FIRST_WORDS = "# Proposed by inspecting"
@@ -103,10 +103,16 @@ def _vehicle_lines(estimates: LogEstimates) -> list[str]:
     fastest, log = None, estimates.log
     if log is not None and len(log.tracks.speeds) and not estimates.mapping.lacks_counts_per_turn:
         fastest = float(np.abs(log.tracks.speeds).max())
+    gauge = f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)"
+    if (track := estimates.effective_track) is not None:
+        gauge = (
+            f"track_gauge = {track:.3g}    # m, the effective track ({track:.3g}): fill in the distance "
+            "between the centrelines of tracks or wheels"
+        )
     lines = [
         "[vehicle]",
         f"mass = nan               {FILL_IN} (kg, with load)",
-        _gauge_line(estimates.effective_track),
+        gauge,
         _radius_line(estimates),
     ]
     # Metres per unit of the log's track speeds, which were read with a radius of 1 m.
@@ -137,16 +143,6 @@ def _radius_line(estimates: LogEstimates) -> str:
     return f"sprocket_radius = {radius:.4g}    # {remark}"
 
 
-def _gauge_line(track: float | None) -> str:
-    """Key track_gauge: the effective track [m] stands in until a person measures it."""
-    if track is None:
-        return f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)"
-    return (
-        f"track_gauge = {track:.3g}    # m, the effective track ({track:.3g}): fill in the distance "
-        "between the centrelines of tracks or wheels"
-    )
-
-
 def _index_lines(estimates: LogEstimates) -> list[str]:
     """Table [indices]: steering efficiency eta0 of constant ICRs, by the gyro."""
     ratio, track = estimates.wheels.track_ratio, estimates.effective_track
@@ -172,14 +168,14 @@ def _index_lines(estimates: LogEstimates) -> list[str]:
 def _imu_lines(estimates: LogEstimates) -> list[str]:
     """Table [imu]: mounting, gyro bias and noise densities."""
     mounting, log = estimates.mounting, estimates.log
+    if log is None or log.imu is None:
+        return [
+            "# No IMU found: name its topic in [log.imu], its columns in [log.columns.imu].",
+            "",
+        ]
     if mounting is None:
-        if log is None or log.imu is None:
-            return [
-                "# No IMU found: name its topic in [log.imu], its columns in [log.columns.imu].",
-                "",
-            ]
         return ["# The IMU's readings are absurd, and show nothing.", ""]
-    has_tracks = log is not None and len(log.tracks.stamps) > 0
+    has_tracks = len(log.tracks.stamps) > 0
     angles = ", ".join(str(_to_tenth(angle)) for angle in mounting.rotation_rpy_deg)
     lines = [*_mounting_comments(mounting), "[imu]", f"rotation_rpy_deg = [{angles}]"]
     if mounting.up_shown_by == "gravity":
@@ -215,10 +211,9 @@ def _imu_lines(estimates: LogEstimates) -> list[str]:
 def _bias_lines(bias: GyroBias | None, *, has_tracks: bool) -> list[str]:
     """Keys gyro_bias and gyro_bias_sigma, or a comment why there are none."""
     if bias is None or not (bias.source == "standstill" or bias.differs(0.0)):
-        reason = "no standstill of three seconds, and driving cannot show it"
-        return [
-            f"# Gyro bias: {reason if has_tracks else 'no track speeds to find a standstill by'}."
-        ]
+        if not has_tracks:
+            return ["# Gyro bias: no track speeds to find a standstill by."]
+        return ["# Gyro bias: no standstill of three seconds, and driving cannot show it."]
     error = "" if bias.source == "standstill" else f" ± {bias.sigma:.2g}, by the {bias.source}"
     sigma = float(np.hypot(STANDING_BIAS_SIGMA, bias.sigma))
     return [
@@ -300,44 +295,47 @@ def _latency_lines(latency: Lag | NoLag | None) -> list[str]:
     return [f"latency = {latency.seconds:.2f}    # s, ± {latency.sigma:.1g}: {lags} the gyro"]
 
 
-def _topic_lines(estimates: LogEstimates, track_latency: list[str], wander: list[str]) -> list[str]:
+def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str]) -> list[str]:
     """Tables [log.tracks], [log.imu], ...: topics, clocks, latency and errors."""
-    mapping, lines = estimates.mapping, list[str]()
-
-    def add_table(purpose: str, topic: str, *keys: str) -> None:
-        lines.extend(["", f"[log.{purpose}]", f"topic = {toml_value(topic)}", *keys])
+    mapping, keys_of, lines = estimates.mapping, dict[str, list[str]](), list[str]()
+    if mapping.tracks:
+        keys_of["tracks"] = _track_keys(mapping.tracks)
+    if mapping.imu:
+        rate, force = mapping.imu.rate_unit, mapping.imu.acceleration_unit
+        keys_of["imu"] = [f'rate_unit = "{rate}"'] if rate != "rad/s" else []
+        keys_of["imu"] += [f'acceleration_unit = "{force}"'] if force != "m/s2" else []
+    if mapping.fixes:
+        hint = "# Where they are a truth, as of a lidar map: [log.truth], with the topic alone."
+        sigma = mapping.fixes.position_sigma
+        errors = (
+            wander if sigma is None or wander else [f"position_sigma = {sigma}    {FILL_IN} (m)"]
+        )
+        keys_of["fixes"] = [hint, *errors]
+    if mapping.heading:
+        keys_of["heading"] = _heading_keys(mapping.heading, estimates.log)
+    if truth := mapping.truth:
+        topics = {name: getattr(truth, name) for name in ("twist", "tracks", "source_topic")}
+        keys_of["truth"] = [
+            f"{key} = {toml_value(topic)}" for key, topic in topics.items() if topic
+        ]
+    for purpose, keys in keys_of.items():
+        topic = getattr(mapping, purpose).topic
+        lines += ["", f"[log.{purpose}]", f"topic = {toml_value(topic)}", *keys]
         choice = estimates.clocks.get(purpose)
         if choice is not None and choice.clock == "recording":
             lines.append(f'time = "recording"    # {choice.reason}')
-
-    if tracks := mapping.tracks:
-        add_table("tracks", tracks.topic, *_track_keys(tracks))
-        lines += track_latency
-    if imu := mapping.imu:
-        rate, force = imu.rate_unit, imu.acceleration_unit
-        keys = [f'rate_unit = "{rate}"'] if rate != "rad/s" else []
-        keys += [f'acceleration_unit = "{force}"'] if force != "m/s2" else []
-        add_table("imu", imu.topic, *keys)
-    if fixes := mapping.fixes:
-        errors = wander
-        if fixes.position_sigma is not None and not wander:
-            errors = [f"position_sigma = {fixes.position_sigma}    {FILL_IN} (m)"]
-        hint = "# Where they are a truth, as of a lidar map: [log.truth], with the topic alone."
-        add_table("fixes", fixes.topic, hint, *errors)
-    if heading := mapping.heading:
-        keys = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
-        offset = None if estimates.log is None else heading_offset(estimates.log)
-        if offset is None:
-            keys.append(f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)")
-        else:
-            remark = "course over ground less heading, if it drives forward"
-            keys.append(f"offset_deg = {_to_tenth(offset)}    # {remark}")
-        add_table("heading", heading.topic, *keys)
-    if truth := mapping.truth:
-        topics = {name: getattr(truth, name) for name in ("twist", "tracks", "source_topic")}
-        keys = [f"{name} = {toml_value(topic)}" for name, topic in topics.items() if topic]
-        add_table("truth", truth.topic, *keys)
+        lines += latency if purpose == "tracks" else []
     return lines[1:]
+
+
+def _heading_keys(heading: HeadingTopic, log: Log | None) -> list[str]:
+    """Keys of [log.heading] but its topic."""
+    keys = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
+    offset = None if log is None else heading_offset(log)
+    if offset is None:
+        return [*keys, f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)"]
+    remark = "course over ground less heading, if it drives forward"
+    return [*keys, f"offset_deg = {_to_tenth(offset)}    # {remark}"]
 
 
 def _track_keys(tracks: TrackTopic) -> list[str]:

@@ -86,10 +86,6 @@ class Survey:
         """Most messages of the topic's type that are decoded."""
         return SAMPLES if self.channel.msgtype in SHAPE_CHECKS else 1
 
-    def wants(self, size: int) -> bool:
-        """Return True if a message of a size [bytes] is to be decoded."""
-        return len(self.messages) < self.most and self.sampled + size <= SAMPLE_BYTES
-
     def extend(self, other: Self) -> None:
         """Append the survey of the topic in another file."""
         self.recorded.extend(other.recorded)
@@ -98,14 +94,15 @@ class Survey:
         self.messages.extend(other.messages[: self.most - len(self.messages)])
         self.sampled += other.sampled
 
-    def report(self) -> TopicReport:
-        """Compute the statistics of the topic."""
+    def report(self, repeated_share: float | None) -> TopicReport:
+        """Compute the statistics of the topic, with the share of repeated samples."""
         return TopicReport(
             topic=self.channel.topic,
             msgtype=self.channel.msgtype,
             frame_id=self.frame_id,
             count=len(self.recorded),
             clock_offset=float(np.median(self.offsets) * NANOSECOND) if self.offsets else None,
+            repeated_share=repeated_share,
             **spacing(np.array(self.recorded, dtype=np.int64))._asdict(),
         )
 
@@ -133,8 +130,10 @@ def survey_bag(bag: Bag, source: str, definitions: Definitions) -> tuple[list[Su
                 continue
             survey.offsets.append(stamp - record.time)
             survey.frame_id = survey.frame_id or frame_id[:LONGEST_FRAME]
-        if record.channel in decoders and survey.wants(len(record.data)):
-            survey.sampled += len(record.data)
+        sampled = survey.sampled + len(record.data)
+        has_room = len(survey.messages) < survey.most and sampled <= SAMPLE_BYTES
+        if record.channel in decoders and has_room:
+            survey.sampled = sampled
             try:
                 message = decoders[record.channel](record.data)
                 if check := SHAPE_CHECKS.get(record.channel.msgtype):

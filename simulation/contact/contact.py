@@ -146,10 +146,8 @@ class ContactPoints(NamedTuple):
 def equally_spaced(gauge: float, half_length: float, count: int) -> ContactGeometry:
     """Make evenly spaced contact points from end to end of each track.
 
-    Args:
-        gauge: distance L between the track centrelines [m].
-        half_length: half the length of a track's contact with the ground [m].
-        count: contact points per track, at least 2.
+    The gauge L is between the track centrelines, `half_length` half the length of a contact [m],
+    `count` the number of points, at least 2.
     """
     positions = np.linspace(-half_length, half_length, count)
     return ContactGeometry(gauge, tuple(float(position) for position in positions))
@@ -205,12 +203,7 @@ def vertical_loads(contact: Contact, right: Any = 0.0, forward: Any = 0.0) -> Lo
 def steady_inertia(twist: PaperTwist, body: Body) -> Any:
     """Force of inertia in steady motion, (4) and (10), and moment about the origin.
 
-    Args:
-        twist: velocity of the origin, (n,) each.
-        body: mass and centre of mass, at which the force acts.
-
-    Returns:
-        (3, n) force right, forward [N], moment [N m].
+    From twists (n,) of the origin to (3, n): force right, forward [N], moment [N m].
     """
     right, forward = inertial_force(twist, body.mass, body.x_CM, body.y_CM)
     return np.stack([right, forward, body.x_CM * forward - body.y_CM * right])

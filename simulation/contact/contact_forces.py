@@ -117,15 +117,10 @@ class PointLoads(NamedTuple):
 def add_track_forces(
     ground: Ground, twist: Any, speeds: Any, pressing: PointLoads, values: Any, jacobian: Any
 ) -> None:
-    """Add the ground's force and moment (3,) on both tracks; derivatives (3, COLUMNS).
+    """Add the ground's force and moment on both tracks, and their derivatives.
 
-    Args:
-        ground: the contact.
-        twist: v_x, v_y [m/s], w [rad/s], as a tuple.
-        speeds: V_l and V_r of the left and the right track [m/s], as a tuple.
-        pressing: loads of the contact points.
-        values: (3,) added to [N, N, N m].
-        jacobian: (3, COLUMNS) added to: by v_x, v_y, w, V_l, V_r, and the force at the centre of mass.
+    They are added to `values` (3,) [N, N, N m] and `jacobian` (3, COLUMNS). The tuples `twist` and
+    `speeds` are v_x, v_y [m/s], w [rad/s], and V_l, V_r of the left and the right track [m/s].
     """
     v_x, v_y, w = twist
     V_l, V_r = speeds
@@ -269,11 +264,8 @@ def loads_of_many(
 def mass_matrix(mass: float, x_CM: float, y_CM: float, yaw_inertia: float) -> Floats:
     """Mass matrix (3, 3) about the origin of v_x, v_y, w.
 
-    Args:
-        mass: M [kg].
-        x_CM: centre of mass, right of the origin [m].
-        y_CM: centre of mass, forward of the origin [m].
-        yaw_inertia: moment of inertia about the vertical through the centre of mass [kg m²].
+    Of a mass [kg] at (x_CM, y_CM) right and forward of the origin [m], with a moment of inertia about the
+    vertical through it [kg m²].
     """
     matrix = np.zeros((3, 3))
     matrix[0, 0] = matrix[1, 1] = mass
@@ -307,14 +299,10 @@ def newton_of_many(
 ) -> None:
     """Newton's iteration with step halving, until solved, stuck, or out of steps.
 
-    Args:
-        ground: the contact.
-        V: (n, 2) track speeds [m/s].
-        steps: evaluations of the balance after the first.
-        tolerance: largest component of the residual of a solved pair, as a share of the weight
-            (moments: of the weight times half the gauge).
-        twist: (n, 3) guesses; overwritten with the best twist found [m/s, m/s, rad/s].
-        residual: (n,) overwritten with the largest component of the residual, in these shares.
+    Guesses `twist` (n, 3) [m/s, m/s, rad/s] for track speeds V (n, 2) [m/s] are overwritten with the
+    best ones, and `residual` (n,) with their largest component of the balance, as a share of the weight
+    (moments: of the weight times half the gauge). A pair is solved at `tolerance`; `steps` are
+    evaluations after the first.
 
     Raises:
         ValueError: an array has the wrong size.

@@ -94,13 +94,9 @@ class SteadyMotion:
 def solve_steady(
     V_l: ArrayLike, V_r: ArrayLike, contact: Contact, *, strict: bool = True
 ) -> SteadyMotion:
-    """Solve for the stationary motion of each pair of track speeds.
+    """Solve for the stationary motion of each pair of track speeds [m/s].
 
-    Args:
-        V_l: speed of the left track [m/s]; broadcasts with V_r.
-        V_r: speed of the right track [m/s].
-        contact: soil, contact geometry and body.
-        strict: True to raise an error if a pair does not converge.
+    They broadcast. If `strict`, a pair that does not converge is an error.
 
     Raises:
         SimulationError: a track speed is not finite, or (strict) some pairs did not converge.

@@ -59,12 +59,7 @@ class VelocityErrors(NamedTuple):
 
 
 def map_of(motion: SteadyMotion, vehicle: VehicleConstants) -> DynamicMap:
-    """Make the map of stationary motions.
-
-    Args:
-        motion: stationary motions, on a grid of track speeds or at any.
-        vehicle: L, M and the centre of mass.
-    """
+    """Make the map of stationary motions, on a grid of track speeds or at any."""
     turning = (motion.V_l != motion.V_r) & (motion.twist.w != 0.0)
     turning_twist = PaperTwist(*(np.where(turning, part, np.nan) for part in motion.twist))
     icrs = icrs_from_twist(motion.V_l, motion.V_r, turning_twist)
@@ -85,10 +80,8 @@ def on_spot_line(mapped: DynamicMap) -> float:
 
     On that line the centre of mass moves only laterally, so its forward velocity changes sign. For each
     V_r except zero the crossing along V_l is interpolated linearly. H is the slope of the line through
-    the origin that fits the crossings best (least squares).
-
-    Args:
-        mapped: a map over a grid, V_l rising along the first axis, V_r along the second.
+    the origin that fits the crossings best (least squares). V_l of the map rises along the first axis,
+    V_r along the second.
 
     Raises:
         SimulationError: not a grid, or no crossing on it.
@@ -115,13 +108,9 @@ def inertia_based_twist(
 ) -> PaperTwist:
     """Twists of the inertia-based kinematics at the map's track speeds.
 
-    Equations (20) to (22) and (25) to (27).
-
-    Args:
-        mapped: the map.
-        parameters: the eight index parameters.
-        inertia: "measured" for the map's |F|, as from an IMU; "literal" or "smooth" for |F| implied by
-            the model itself (`icreckon.estimator.motion.index_model.solve` in that form).
+    Equations (20) to (22) and (25) to (27). `inertia` is "measured" for the map's |F|, as from an IMU;
+    "literal" or "smooth" for |F| implied by the model itself
+    (`icreckon.estimator.motion.index_model.solve` in that form).
     """
     V_l, V_r = mapped.motion.V_l, mapped.motion.V_r
     if inertia != "measured":
@@ -139,14 +128,9 @@ def constant_twist(mapped: DynamicMap, icrs: ConstantIcr) -> PaperTwist:
 
 
 def rmse(twist: PaperTwist, truth: PaperTwist, counted: Any = ...) -> PaperTwist:
-    """Root mean squared error of each velocity component.
-
-    Args:
-        twist: estimated twists, arrays of one shape.
-        truth: true twists, arrays of that shape.
-        counted: mask of the motions that count; all by default.
-    """
-    errors = (found[counted] - true[counted] for found, true in zip(twist, truth, strict=True))
+    """RMSE of each velocity component, over the `counted` motions (mask)."""
+    parts = zip(twist, truth, strict=True)
+    errors = (estimated[counted] - true[counted] for estimated, true in parts)
     return PaperTwist(*(float(np.sqrt(np.mean(error**2))) for error in errors))
 
 

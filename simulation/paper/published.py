@@ -37,11 +37,7 @@ class PublishedNumber:
         return max(0, -int(Decimal(self.printed).as_tuple().exponent))
 
     def rounds_from(self, reproduced: float) -> bool:
-        """Return True if a reproduced value rounds to the published digits.
-
-        Args:
-            reproduced: the value [unit]; False for NaN.
-        """
+        """Return True if a value [unit] rounds to the published digits; False for NaN."""
         half = 0.5 * 10.0**-self.decimals
         return abs(reproduced - self.value) <= half * (1.0 + ROUNDING_NOISE)
 
@@ -103,9 +99,5 @@ def published_mean_icrs() -> ConstantIcr:
 
 
 def published_errors(model: str) -> PaperTwist:
-    """Column of Table II [m/s, m/s, rad/s].
-
-    Args:
-        model: "inertia" or "constant".
-    """
+    """Column of Table II [m/s, m/s, rad/s], of the model "inertia" or "constant"."""
     return PaperTwist(*(published(f"rmse_{model}_{part}").value for part in PaperTwist._fields))

@@ -81,9 +81,7 @@ class InterceptCheck(NamedTuple):
 def paper_map(parameters: ContactParameters, *, count: int = 21) -> DynamicMap:
     """Stationary motions of Auriga-alpha over the paper's grid of track speeds.
 
-    Args:
-        parameters: the contact.
-        count: speeds per track, 21 for the paper's 441 pairs.
+    `count` is the number of speeds per track, 21 for the paper's 441 pairs.
 
     Raises:
         SimulationError: an invalid contact, or pairs without a stationary motion.
@@ -96,10 +94,6 @@ def numbers(
     mapped: DynamicMap, reading: Reading
 ) -> tuple[dict[str, float], ConstantIcr, Indices, VelocityErrors]:
     """Reproduced value of every published number, by its name, and their sources.
-
-    Args:
-        mapped: the map.
-        reading: method that derives the numbers from it.
 
     Raises:
         SimulationError: the map gives no valid ICRs or parameters.
@@ -147,15 +141,7 @@ def within(rows: tuple[Row, ...], percent: float) -> int:
 def table_2_with_published_parameters(
     mapped: DynamicMap, reading: Reading
 ) -> dict[Inertia, VelocityErrors]:
-    """Table II of a map, with the paper's parameters and mean ICRs instead of fits.
-
-    Args:
-        mapped: the map, the truth.
-        reading: motions that count.
-
-    Returns:
-        Errors for each source of the force of inertia.
-    """
+    """Table II of a map with the paper's numbers instead of fits, by `INERTIAS`."""
     parameters, icrs = published_parameters(), published_mean_icrs()
     return {
         inertia: read_errors(

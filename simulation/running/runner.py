@@ -68,14 +68,9 @@ def work(engine: Engine, cell: Cell, first_run: int, count: int) -> Worked:
 
 
 class Runner:
-    """Runner of a study: computes all blocks that the store does not have.
+    """Runner of a study: computes all blocks (jobs) that the store does not have.
 
-    Args:
-        plan: the study.
-        engine: engine that computes the blocks.
-        jobs: all blocks of the study.
-        store: store of finished blocks.
-        report: called at the start and after each block.
+    `report` is called at the start and after each block.
     """
 
     def __init__(
@@ -95,10 +90,7 @@ class Runner:
         self._lost: Counter[Job] = Counter()
 
     def run(self, open_workplace: OpenWorkplace) -> None:
-        """Run until all blocks are finished.
-
-        Args:
-            open_workplace: opens the workers; called again if they have died.
+        """Run until all blocks are finished; workers that died are opened again.
 
         Raises:
             SimulationError: a block fails, or its workers die repeatedly.

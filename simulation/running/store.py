@@ -51,13 +51,7 @@ def jobs_of(plan: Plan, block_runs: int) -> list[Job]:
 
 
 class BlockStore:
-    """Store of blocks in the folder of a study.
-
-    Args:
-        folder: the folder.
-        digest: digest of the study.
-        shape: number of filters and of statistics.
-    """
+    """Store of the blocks of a study; `shape` is (filters, statistics)."""
 
     def __init__(self, folder: Path, digest: str, shape: tuple[int, int]) -> None:
         self.folder = folder
@@ -104,11 +98,7 @@ def open_store(
 ) -> BlockStore:
     """Open the folder of a study, new or to be continued, and write its manifest.
 
-    Args:
-        folder: the folder.
-        manifest: manifest of the study.
-        shape: number of filters and of statistics.
-        overwrite: True if another study there may be deleted.
+    `shape` is the number of filters and of statistics; `overwrite` deletes another study.
 
     Raises:
         SimulationError: the folder has other content, or cannot be written.

@@ -66,13 +66,10 @@ def block(
 
 @np.errstate(all="ignore")
 def _run(log: Log, chosen: Filter, times: Floats) -> Run:
-    """Run a filter over a log, with a row at each of the given times (n,) [s].
-
-    Times before the filter's first estimate have no row.
+    """Run a filter over a log; a row at each time [s] from its first estimate on.
 
     Raises:
-        LostFilter: the filter raises an unexpected exception, or its estimate is not finite, has negative
-            variances, or is implausible.
+        LostFilter: the filter raises an unexpected exception, or its estimate is impossible.
     """
     estimator = PoseEstimator(chosen.robot, chosen.variant, settings=chosen.settings)
     stamps_left = deque(to_stamps(times).tolist())

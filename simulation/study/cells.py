@@ -147,12 +147,7 @@ def _dimensions(study: Study) -> tuple[tuple[Axis, ...], list[list[_Point]]]:
 
 
 def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
-    """Points of a Latin hypercube: dotted key -> value, to six significant digits.
-
-    Args:
-        latin: number of points, and ranges.
-        seed: seed of the study, which determines the points.
-    """
+    """Points of a Latin hypercube by a seed: dotted key -> value, of six digits."""
     from scipy.stats import qmc
 
     ranges = latin.ranges

@@ -258,13 +258,9 @@ def _final_errors(runs: Runs) -> list[dict[str, Any]]:
 
 
 def alike(values: Floats, axis: int) -> list[list[int]]:
-    """Group the indices along an axis at which all statistics are equal to rounding.
+    """Group filters (axis 0) or cells (axis 1) whose statistics equal to rounding.
 
-    Groups have two or more indices.
-
-    Args:
-        values: (filters, cells, runs, statistics); NaN for missing values.
-        axis: 0 for filters, 1 for cells.
+    Groups have two or more indices; values (filters, cells, runs, statistics) are NaN if missing.
     """
     items = np.moveaxis(values, axis, 0)
     known = np.isfinite(items)

@@ -61,11 +61,7 @@ class Statistic(NamedTuple):
 
 
 def statistics(horizons: Sequence[float]) -> tuple[Statistic, ...]:
-    """Statistics of a run, in their order.
-
-    Args:
-        horizons: lengths of the segments over which drift is scored [s].
-    """
+    """Statistics of a run, in their order, by the horizons of the drift [s]."""
     return (
         *(
             Statistic(DRIFT.format(horizon), f"drift after {horizon:g} s", "% of distance")
@@ -113,17 +109,10 @@ class Segments(NamedTuple):
 def scored_segments(
     stamps: Stamps, horizons: Sequence[float], fixes: Stamps, start: int, end: int
 ) -> list[Segments]:
-    """Segments of each horizon, and of the yaw drift, which come last.
+    """Segments of each horizon [s], and of the yaw drift, which come last.
 
-    They lie in the spans without fixes that are at least as long as a segment; in the whole run if it
-    has no fixes.
-
-    Args:
-        stamps: (n,) stamps at which the run is scored [ns].
-        horizons: lengths of the segments [s].
-        fixes: stamps of the fixes [ns].
-        start: start of the run [ns].
-        end: its end [ns].
+    They lie in the spans without fixes that are at least as long as a segment; in the whole run if it has
+    no fixes. Stamps (n,) at which the run is scored, those of the fixes, start and end are in ns.
     """
     first, scored = segment_starts(stamps), []
     for horizon in (*horizons, YAW_HORIZON):
@@ -136,12 +125,7 @@ def scored_segments(
 
 
 def run_statistics(run: Run, log: Log, horizons: Sequence[float]) -> Floats:
-    """Statistics (n,) of a run, in the order of `statistics`.
-
-    Args:
-        run: the run; it starts at the true pose.
-        log: log of the run, with its truth.
-        horizons: lengths of the segments over which drift is scored [s].
+    """Statistics (n,), see `statistics`, of a run that starts at the true pose.
 
     Raises:
         ValueError: the log has no truth with twists.
@@ -172,10 +156,8 @@ def path_statistics(
 ) -> list[Floats]:
     """Statistics (...) of estimates, in their order, up to those of innovations.
 
-    Args:
-        estimate: estimates; its arrays may have an axis for runs side by side after the first.
-        truth: truth at their stamps.
-        segments: see `scored_segments`.
+    The truth is at the stamps of the estimates, whose arrays may have an axis for runs side by side after
+    the first.
     """
     *horizons, yaw_horizon = segments
     errors = estimate.poses - truth.poses

@@ -51,13 +51,10 @@ COLUMNS = tuple(field.name for field in fields(Summary))
 def summarise(
     values: Floats, baseline: Floats, motions: Ints, paired: Floats | None = None
 ) -> Summary:
-    """Summarise a statistic.
+    """Summarise values (n,) of runs, NaN for none, also against the baseline's.
 
-    Args:
-        values: (n,) values of the runs; NaN if a run has none.
-        baseline: (n,) values of the same runs by the baseline.
-        motions: (n,) index of the true motion of each run.
-        paired: (n,) values of the runs over the cells that the baseline has too; `values` by default.
+    `motions` (n,) are the indices of the true motions. `paired` (n,) are the values over the cells that
+    the baseline has too; `values` by default.
     """
     paired = values if paired is None else paired
     has_value = np.isfinite(values)
@@ -83,12 +80,9 @@ def summarise(
 def mean_interval(
     values: Floats, motions: Ints, *, positive: bool = False
 ) -> tuple[float, float, float]:
-    """Mean of runs and its 95 % interval.
+    """Mean of runs (n,) and its 95 % interval, by their true motions (n,).
 
-    Args:
-        values: (n,) values of the runs.
-        motions: (n,) index of the true motion of each run.
-        positive: whether the interval is that of the mean's logarithm, which cannot reach below zero.
+    If `positive`, the interval is that of the mean's logarithm, which cannot reach below zero.
     """
     if not len(values):
         return math.nan, math.nan, math.nan

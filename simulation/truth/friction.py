@@ -151,12 +151,12 @@ def drive(
     Args:
         contact: the vehicle on its usual ground.
         yaw_inertia: about the vertical through the centre of mass [kg m²].
-        speeds: (n, 2) left, right at an even step [m/s]; cubic in between.
+        speeds: (n, 2) left, right at grid points of an even step [s], cubic in between [m/s].
         speed_rates: (n, 2) their derivatives [m/s²].
-        step: time between grid points [s].
-        surface: height field of the ground, looked up at each grid point.
-        patches: ground that differs along the path; looked up at each grid point.
-        payloads: loads along the path; put on and taken off at the nearest grid points.
+        step: time between grid points [s], at which the ground is looked up, and payloads change.
+        surface: height field of the ground.
+        patches: ground that differs along the path.
+        payloads: loads along the path.
         load_lag: time constant of the load transfer [s].
         tolerance: relative error allowed per step.
         start: (6,) initial state, as in `icreckon.simulation.truth.friction_ode`; None for rest.
@@ -216,10 +216,7 @@ def drive(
 def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats, Floats]:
     """Track speeds (n, 2) [m/s] with a first-order lag behind commands, and rates.
 
-    Args:
-        commands: (n, 2) at an even step [m/s]; linear in between.
-        step: time between commands [s].
-        time_constant: time constant of the lag [s]; 0 for none.
+    Commands (n, 2) [m/s] have an even step [s] and are linear in between; a lag of 0 is none.
     """
     if time_constant <= 0.0:
         return commands, np.gradient(commands, step, axis=0)
@@ -234,12 +231,10 @@ def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats,
 def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
     """Draw the true contact of a robot: that of its file with random changes.
 
-    Args:
-        robot: the robot as described by its file.
-        spread: see `FrictionTruth`.
-        rng: draws the changes: seven numbers, the last unused, so that later draws of a seed stay.
+    `spread` is that of `FrictionTruth`.
     """
     contact = contact_of(robot)
+    # The last number is not used; without it, later draws of a seed would change.
     friction, rolling, height, length, right, forward, _ = spread * rng.standard_normal(7)
     soil, geometry, body = contact.soil, contact.geometry, contact.body
     along = soil.longitudinal_friction
@@ -269,10 +264,7 @@ def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
 def on_surface(motion: TrueMotion, surface: Surface, patches: tuple[Patch, ...]) -> TrueMotion:
     """Repeat a planar motion on a surface: the same twists, other poses, and gravity.
 
-    Args:
-        motion: planar motion; its twists are in base_link's axes.
-        surface: height field of the ground.
-        patches: ground that differs; their slopes lie over the surface.
+    Slopes of the patches lie over the surface.
     """
     from icreckon.simulation.truth.surface_kernel import ride_along
 
@@ -285,11 +277,9 @@ def on_surface(motion: TrueMotion, surface: Surface, patches: tuple[Patch, ...])
 
 
 def gravity_in_body(slopes: Floats, yaw: Floats) -> Floats:
-    """Acceleration of gravity (n, 3) in base_link's axes on slopes.
+    """Acceleration of gravity (n, 3) in base_link's axes [m/s²], at yaw (n,) [rad].
 
-    Args:
-        slopes: (n, 2) its part along the plane in x and y of odom [m/s²].
-        yaw: (n,) [rad].
+    `slopes` (n, 2) are its part along the plane in x and y of odom [m/s²].
     """
     along, left = rotate(slopes, -yaw).T
     down = np.sqrt(np.maximum(GRAVITY**2 - along**2 - left**2, 0.0))

@@ -94,15 +94,10 @@ class Terrain(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 def refuse_idle_keys(terrains: Sequence[Terrain], given: Iterable[str], source: str) -> None:
-    """Refuse keys of `[terrain]` that change nothing.
+    """Refuse keys of `[terrain]` that change nothing, as the wavelength without waves.
 
-    These are, for example, the wavelength of ground that does not roll. A needed key that is written as
-    zero counts as given, since a study may change it.
-
-    Args:
-        terrains: the terrain, or those of the cells of a study.
-        given: keys that are written in its table.
-        source: origin of the table, for messages.
+    A needed key that is written as zero counts as given, since a study may change it. `terrains` are the
+    terrain, or those of the cells of a study, `given` the written keys; messages name their `source`.
 
     Raises:
         SimulationError: a key has no effect.
@@ -220,11 +215,7 @@ def patch_rows(patches: tuple[Patch, ...]) -> Floats:
 
 
 def check_terrain(terrain: Terrain, contact_length: float) -> None:
-    """Refuse ground that a vehicle does not touch as a plane.
-
-    Args:
-        terrain: shape of the ground.
-        contact_length: length of a track's contact with the ground, over which a kerb rises [m].
+    """Refuse ground that a contact of this length [m] does not touch as a plane.
 
     Raises:
         SimulationError: waves too short, or kerbs too high or too close, for a vehicle of that length.
@@ -274,10 +265,7 @@ LEVEL = Surface(False, (1.0, 0.0), 0.0, 0.0, 1.0, (0.0, 0.0, 0.0), 0.0, 1.0, 1.0
 def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Surface:
     """Make the height field of a terrain, with random phases of waves and kerbs.
 
-    Args:
-        terrain: shape of the ground.
-        contact_length: length of a track's contact with the ground, over which a kerb rises [m].
-        rng: draws three phases, whatever the terrain.
+    A kerb rises over the length of a track's contact with the ground [m].
 
     Raises:
         SimulationError: ground that the vehicle does not touch as a plane, see `check_terrain`.
@@ -304,13 +292,8 @@ def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Sur
 def loaded(body: Body, yaw_inertia: float, payloads: list[Payload]) -> tuple[Body, float]:
     """Body and yaw inertia of a vehicle with payloads; each payload is a point mass.
 
-    Args:
-        body: the bare vehicle.
-        yaw_inertia: its moment of inertia about the vertical through its centre of mass [kg m²].
-        payloads: loads on the vehicle.
-
-    Returns:
-        Total mass and centre of mass, and the moment of inertia about the vertical through it.
+    Moments of inertia [kg m²] are about the vertical through the centre of mass: that of the bare body,
+    and that of the returned one.
     """
     masses = np.array([body.mass, *(payload.mass for payload in payloads)])
     centres = [(body.x_CM, body.y_CM, body.z_CM)]

@@ -15,7 +15,7 @@ from icreckon.replay.base.colours import FIX_COLOUR, TRUTH_COLOUR, colour_of
 from icreckon.replay.comparison.results import Results
 from icreckon.report.drawing import drawing
 from icreckon.report.printable import printable
-from icreckon.report.replay.page_charts import breaks_of
+from icreckon.report.replay.page_charts import breaks_of, outages
 from icreckon.report.replay.page_drive import floats
 from icreckon.report.replay.page_text import failures, has_yaw_errors, page_title
 
@@ -60,21 +60,18 @@ def write_figure(path: Path, results: Results) -> None:
             axes = figure.add_subplot(lower[place], sharex=errors)
             _draw_index(axes, results, key)
             axes.set_xlabel("time [s]")
-        handles = [*paths.get_legend_handles_labels()[0], *_shade_handles(errors)]
+        handles, _ = paths.get_legend_handles_labels()
+        shade_handles, labels = errors.get_legend_handles_labels()
+        shades = dict(zip(labels, shade_handles, strict=True))
+        if NO_FIXES in shades:
+            handles.append(shades[NO_FIXES])
+        if BOUNDS in shades:
+            # One grey patch for all bounds: each has the colour of its filter.
+            handles.append(Patch(color="0.5", alpha=0.3, lw=0, label=BOUNDS))
         figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=10)
         title = "\n".join([_title(results), *failures(results)])
         figure.suptitle(printable(title), fontsize=12)
         figure.savefig(path, dpi=DOTS, metadata={"Title": title})
-
-
-def _shade_handles(axes: Axes) -> list[Any]:
-    """Legend handles of the shaded areas of an axes: times without fixes, bounds."""
-    handles, labels = axes.get_legend_handles_labels()
-    shades = [one for one, label in zip(handles, labels, strict=True) if label == NO_FIXES]
-    if BOUNDS in labels:
-        # One grey patch for all bounds: each has the colour of its filter.
-        shades.append(Patch(color="0.5", alpha=0.3, lw=0, label=BOUNDS))
-    return shades
 
 
 def _with_breaks(results: Results) -> Results:
@@ -160,11 +157,7 @@ def _draw_paths(axes: Axes, results: Results) -> None:
 
 
 def _shade_outages(axes: Axes, results: Results) -> None:
-    """Shade the spans in which drift is scored, if the log has fixes outside of them."""
-    truth = results["truth"]
-    if truth is None or not results["log"]["fixes"]:
-        return
-    for number, (start, end) in enumerate(truth["scored_s"]):
+    for number, (start, end) in enumerate(outages(results)):
         # The first one alone is in the legend.
         label = NO_FIXES if number == 0 else None
         axes.axvspan(start, end, color="#F0E442", alpha=0.25, label=label)
@@ -238,10 +231,12 @@ INDEX_TITLES = {
 def _draw_index(axes: Axes, results: Results, key: str) -> None:
     """Draw an index (a key of `INDEX_TITLES`) over time, with the truth."""
     series = results["series"]
-    time = series["t_s"]
+    time, truth = series["t_s"], None
     _shade_outages(axes, results)
-    truth = _true_index(results, key)
-    if truth is not None:
+    if "icr_distance_m" in series.get("truth", {}):
+        true_key = "icr_distance_m" if key == "eta" else key
+        gauge = results["robot"]["vehicle"]["track_gauge"]
+        truth = floats(series["truth"][true_key]) / (gauge if key == "eta" else 1.0)
         axes.plot(time, truth, ".", color=TRUTH_COLOUR, ms=2.5, label="truth")
     estimates = {name: floats(series["variants"][name][key]) for name in _detailed(results)}
     for name, values in estimates.items():
@@ -266,13 +261,3 @@ def _index_limits(estimated: Any, truth: Any) -> tuple[float, float]:
     high = max(high, min(highest_peak, high + width))
     margin = 0.15 * (high - low) + 1e-3
     return low - margin, high + margin
-
-
-def _true_index(results: Results, key: str) -> Any:
-    """Index of the true motion over time; None if the truth has none."""
-    truth = results["series"].get("truth", {})
-    if "icr_distance_m" not in truth:
-        return None
-    if key == "eta":
-        return floats(truth["icr_distance_m"]) / results["robot"]["vehicle"]["track_gauge"]
-    return floats(truth[key])

@@ -336,9 +336,14 @@ def lowest(variants: dict[str, Any], key: str) -> str | None:
     return min(known, key=lambda name: known[name]) if known else None
 
 
-def horizon_text(label: str) -> str:
+def seconds_text(horizon: str) -> str:
+    """Format the horizon "30s" as "30 s"."""
+    return f"{horizon[:-1]} {horizon[-1]}"
+
+
+def horizon_text(horizon: str) -> str:
     """Format the horizon "30s" as "after 30 s"."""
-    return f"after {label[:-1]} {label[-1]}"
+    return f"after {seconds_text(horizon)}"
 
 
 def number(value: float | None) -> str:

@@ -118,7 +118,7 @@ def _with_values(results: Results, columns: Sequence[Column]) -> list[Column]:
     if verdict is not None:
         key = f"drift_percent_{verdict['horizon']}_mean"
         if key not in [column.key for column in columns]:
-            heading = f"drift {verdict['horizon'][:-1]} {verdict['horizon'][-1]}\n% of distance"
+            heading = f"drift {page_text.seconds_text(verdict['horizon'])}\n% of distance"
             columns = [Column(heading, key, 2), *columns]
     variants = results["variants"].values()
     known = {key for scores in variants for key, value in scores.items() if value is not None}
