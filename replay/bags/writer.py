@@ -55,18 +55,19 @@ class Outbox(NamedTuple):
 def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bool = False) -> Path:
     """Write a bag; return its path.
 
-    Args:
-        path: target; a ROS 2 folder, or with the suffix `.mcap` or `.db3` the bare file. A ROS 1
-            bag gets the suffix `.bag` if it is missing.
-        kind: "mcap" or "sqlite3" (ROS 2), or "ros1".
-        outboxes: messages of each topic.
-        overwrite: whether an existing bag may be replaced.
+    The path is that of a ROS 2 folder, or with the suffix `.mcap` or `.db3` of the bare file. A ROS 1 bag
+    gets the suffix `.bag` if it is missing.
 
     Raises:
         ReplayError: stamps that ROS cannot hold, the path exists, or the file system refuses.
     """
     for outbox in outboxes:
-        _check_stamps(outbox)
+        invalid = outbox.stamps[(outbox.stamps < 0) | (outbox.stamps >= LARGEST_STAMP)]
+        if len(invalid):
+            raise ReplayError(
+                f"topic {outbox.topic!r}: the stamp {invalid[0]} ns cannot be written; stamps in bags "
+                f"are from 0 to {LARGEST_STAMP - 1} ns"
+            )
     path = bag_path(path, kind)
     if kind == "ros1":
         open_writer = _ros1_writer
@@ -139,13 +140,3 @@ def _ros2_writer(
         yield writer, Messages(ros1=False)
     if is_bare:
         (folder / path.name).rename(path)
-
-
-def _check_stamps(outbox: Outbox) -> None:
-    """Raise a ReplayError for negative stamps, or from `LARGEST_STAMP` on."""
-    invalid = outbox.stamps[(outbox.stamps < 0) | (outbox.stamps >= LARGEST_STAMP)]
-    if len(invalid):
-        raise ReplayError(
-            f"topic {outbox.topic!r}: the stamp {invalid[0]} ns cannot be written; stamps in bags are "
-            f"from 0 to {LARGEST_STAMP - 1} ns"
-        )

@@ -67,7 +67,15 @@ def write_log(
     topics = _with_antenna(writable_topics(robot_topics), log)
     outboxes = _log_outboxes(log, topics, robot.vehicle.sprocket_radius)
     if topics != robot_topics:
-        outboxes.append(_mapping_message(log, topics))
+        # `read_log` reads the bag by the mapping of the streams that the log has.
+        used = TopicMap(
+            topics.tracks,
+            topics.imu if log.imu is not None else None,
+            topics.fixes if log.fixes is not None else None,
+            topics.truth if log.truth is not None else None,
+        )
+        text = msgspec.json.encode(used).decode()
+        outboxes.append(_text_message(MAPPING_TOPIC, np.array([log.start]), text))
     return write_bag(Path(path), format, outboxes, overwrite=overwrite)
 
 
@@ -115,17 +123,6 @@ def _log_outboxes(log: Log, topics: TopicMap, radius: float) -> list[Outbox]:
         if tracks and truth.tracks and log.truth.tracks is not None:
             outboxes.append(_joint_states(truth.tracks, log.truth.tracks, tracks, radius))
     return outboxes
-
-
-def _mapping_message(log: Log, topics: TopicMap) -> Outbox:
-    """Mapping of the streams that the log has, by which `read_log` reads the bag."""
-    used = TopicMap(
-        topics.tracks,
-        topics.imu if log.imu is not None else None,
-        topics.fixes if log.fixes is not None else None,
-        topics.truth if log.truth is not None else None,
-    )
-    return _text_message(MAPPING_TOPIC, np.array([log.start]), msgspec.json.encode(used).decode())
 
 
 def _text_message(topic: str, stamps: Stamps, text: str) -> Outbox:

@@ -148,10 +148,8 @@ def columns_of(comparison: Comparison, robot: Robot, variant: str) -> dict[str, 
 
 
 def _truth_columns(comparison: Comparison, variant: str, run: Run) -> dict[str, NDArray[Any]]:
-    """Truth, aligned with the run, and errors at its rows; NaN in holes of the truth.
-
-    The NEES is NaN where the covariance is singular, and against fixes, whose errors it does not contain.
-    """
+    """Truth, aligned with the run, and errors at its rows; NaN in holes of the truth."""
+    # The NEES is NaN where the covariance is singular, and against fixes, whose errors it lacks.
     truth = truths_of(comparison)[variant].truth
     poses = true_poses_at(truth, run.stamps)
     poses[:, 2] = wrap_angle(poses[:, 2])

@@ -87,14 +87,9 @@ class _Fit(NamedTuple):
 
 
 def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | str:
-    """Estimate white noise and wander of a log's position fixes.
+    """Estimate white noise and wander of a log's fixes, or the reason why that fails.
 
-    Args:
-        log: the log, its track speeds in any unit.
-        vertical: (n,) rate of its IMU about the vertical [rad/s], or None.
-
-    Returns:
-        The estimate, or the reason why there is none.
+    `vertical` (n,) is the rate of the IMU about the vertical [rad/s]; track speeds may have any unit.
     """
     if log.fixes is None or not len(log.fixes.stamps):
         return "there are no fixes"

@@ -115,9 +115,8 @@ def _tracks(names: Sequence[str], time: str | None, table: Table) -> TrackColumn
     left, right = sides([name for name in likely if SPEED.search(name.lower())])
     if not (left and right):
         # Names with no other quantity than their side, as `left_m_s`.
-        words_of = {
-            name: re.split(r"[^a-z]+", re.sub("left|right", " ", name.lower())) for name in likely
-        }
+        bare_names = {name: re.sub("left|right", " ", name.lower()) for name in likely}
+        words_of = {name: re.split(r"[^a-z]+", bare) for name, bare in bare_names.items()}
         bare = [name for name, words in words_of.items() if all(map(BARE.fullmatch, words))]
         left, right = sides(bare)
     if not (left and right) or len(left) != len(right):

@@ -56,10 +56,7 @@ def guess_topics(surveys: Iterable[Survey]) -> TopicMap:
     Track speeds come from a JointState with velocities of left and right joints, from two topics with
     a number each, from numbers of another message by their names, or else from an odometry. The IMU is
     the fastest topic that measures rates; another Imu with an orientation but no rates is a heading.
-    Poses are the truth if the topic is named so, otherwise fixes.
-
-    Returns:
-        The mapping; None for streams that were not found.
+    Poses are the truth if the topic is named so, otherwise fixes. Streams that were not found are None.
     """
     recorded = [survey for survey in surveys if survey.recorded]
     recorded.sort(key=lambda survey: survey.channel.topic)
@@ -104,7 +101,9 @@ def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     for topic, survey in surveys.items():
         if survey.channel.msgtype != ros.JOINT_STATE or is_command(topic):
             continue
-        joints = [list(one.name) for one in survey.messages if len(one.velocity) == len(one.name)]
+        joints = [
+            list(state.name) for state in survey.messages if len(state.velocity) == len(state.name)
+        ]
         # Some drivers publish each wheel in a message of its own.
         all_joints = list(dict.fromkeys(name for names in joints for name in names))
         for names in (*joints, all_joints):
@@ -195,9 +194,11 @@ def _heading(surveys: Mapping[str, Survey]) -> HeadingTopic | None:
     for topic, survey in surveys.items():
         if survey.channel.msgtype != ros.IMU or _measures_rates(survey):
             continue
-        oriented = [one for one in survey.messages if one.orientation_covariance[0] != ABSENT]
-        if any(abs(one.orientation.z) > 0.0 for one in oriented):
-            has_sigma = any(one.orientation_covariance[8] > 0.0 for one in oriented)
+        oriented = [
+            message for message in survey.messages if message.orientation_covariance[0] != ABSENT
+        ]
+        if any(abs(message.orientation.z) > 0.0 for message in oriented):
+            has_sigma = any(message.orientation_covariance[8] > 0.0 for message in oriented)
             return HeadingTopic(topic, sigma=None if has_sigma else PLACEHOLDER_SIGMA)
     return None
 
@@ -219,7 +220,7 @@ def _fixes(surveys: Mapping[str, Survey]) -> FixTopic | None:
     if topic is not None:
         has_sigma = surveys[topic].channel.msgtype == ros.POSE_WITH_COVARIANCE
     elif (topic := _first_topic(surveys, ros.NAVSATFIX)) is not None:
-        has_sigma = any(one.position_covariance_type for one in surveys[topic].messages)
+        has_sigma = any(message.position_covariance_type for message in surveys[topic].messages)
     else:
         return None
     return FixTopic(topic, position_sigma=None if has_sigma else PLACEHOLDER_SIGMA)

@@ -46,11 +46,7 @@ class Mounting:
 
 
 def estimate_mounting(log: Log) -> Mounting | None:
-    """Estimate the mounting and noise of a log's IMU.
-
-    Returns:
-        The estimate, or None if there is no IMU, or readings are absurd (beyond `ABSURD`).
-    """
+    """Estimate mounting and noise of an IMU; None if there is none or it is absurd."""
     imu = log.imu
     if imu is None or len(imu.stamps) < 2:
         return None

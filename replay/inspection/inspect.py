@@ -155,10 +155,8 @@ def _topic_reports(
         rows = np.column_stack([log.imu.angular_velocity, *([] if forces is None else [forces])])
         if len(rows) > 1:
             repeated[mapping.imu.topic] = float((rows[1:] == rows[:-1]).all(axis=1).mean())
-    reports = {
-        survey.channel.topic: survey.report(repeated.get(survey.channel.topic))
-        for survey in surveys
-    }
+    topics = {survey.channel.topic: survey for survey in surveys}
+    reports = {topic: survey.report(repeated.get(topic)) for topic, survey in topics.items()}
     return [reports[topic] for topic in sorted(reports)]
 
 
@@ -187,7 +185,9 @@ def _estimates(
     except ReplayError as problem:
         if sizes.log:
             raise ReplayError(f"the streams of the robot file: {problem}") from None
-        if mapping.columns is not None or not any(is_table(one) for one in paths if one.is_file()):
+        if mapping.columns is not None or not any(
+            is_table(file) for file in paths if file.is_file()
+        ):
             notes.append(f"the proposed topics cannot be read: {problem}")
     if log is None:
         return robot_file.LogEstimates(mapping, clocks, log, sizes)
@@ -273,9 +273,8 @@ def _with_units(mapping: TopicMap, log: Log, notes: list[str]) -> TopicMap:
     ):
         if least < fast < most:
             units["rate_unit"] = unit
-            notes.append(
-                f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for {unit}"
-            )
+            found = f"the gyro reads {fast:.3g} and more for 1 % of the time"
+            notes.append(f"{found}: taken for {unit}")
     mounting = imu_mounting.estimate_mounting(log)
     if mounting is not None and mounting.specific_force is not None:
         force = float(np.linalg.norm(mounting.specific_force))
@@ -358,7 +357,7 @@ def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_s
         with suppress(ReplayError):
             stamps, has_time = table.stamps(columns.time, columns.time_unit)
     for column in table.columns:
-        spacing = topic_survey.Spacing()
+        spacing = {}
         if columns is not None and stamps is not None:
             with suppress(ReplayError):
                 has_value = has_time
@@ -370,8 +369,7 @@ def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_s
             msgtype=column.kind,
             frame_id=table.path.name,
             count=column.filled,
-            clock_offset=None,
-            **spacing._asdict(),
+            **spacing,
         )
 
 

@@ -150,9 +150,8 @@ def _index_lines(estimates: LogEstimates) -> list[str]:
         return []
     if track is not None:
         eta0 = max(1.0, track / (estimates.sizes.gauge or track))
-        line = (
-            f"eta0 = {eta0:.3g}    # effective track by the gyro, {track:.3g} m, over track_gauge"
-        )
+        remark = f"effective track by the gyro, {track:.3g} m, over track_gauge"
+        line = f"eta0 = {eta0:.3g}    # {remark}"
     elif ratio is not None and estimates.from_twist:
         line = (
             f"eta0 = {max(1.0, ratio):.2f}    # effective track by the gyro: {ratio:.2f} times the "
@@ -307,17 +306,15 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
     if mapping.fixes:
         hint = "# Where they are a truth, as of a lidar map: [log.truth], with the topic alone."
         sigma = mapping.fixes.position_sigma
-        errors = (
-            wander if sigma is None or wander else [f"position_sigma = {sigma}    {FILL_IN} (m)"]
-        )
+        errors = [f"position_sigma = {sigma}    {FILL_IN} (m)"]
+        if sigma is None or wander:
+            errors = wander
         keys_of["fixes"] = [hint, *errors]
     if mapping.heading:
         keys_of["heading"] = _heading_keys(mapping.heading, estimates.log)
     if truth := mapping.truth:
         topics = {name: getattr(truth, name) for name in ("twist", "tracks", "source_topic")}
-        keys_of["truth"] = [
-            f"{key} = {toml_value(topic)}" for key, topic in topics.items() if topic
-        ]
+        keys_of["truth"] = [f"{key} = {toml_value(name)}" for key, name in topics.items() if name]
     for purpose, keys in keys_of.items():
         topic = getattr(mapping, purpose).topic
         lines += ["", f"[log.{purpose}]", f"topic = {toml_value(topic)}", *keys]

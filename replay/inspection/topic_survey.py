@@ -7,7 +7,7 @@ from array import array
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -39,33 +39,27 @@ class TopicReport:
     msgtype: str  # message type
     frame_id: str  # frame of the first message, "" if it has none
     count: int  # number of messages
-    mean_rate: float | None  # one over the median interval [Hz]; None for fewer than two messages
-    largest_gap: float | None  # longest time between recorded messages [s], or None likewise
-    clock_offset: float | None  # median header stamp minus recording time [s], None without headers
+    # one over the median interval [Hz]; None for fewer than two messages
+    mean_rate: float | None = None
+    largest_gap: float | None = None  # longest time between recorded messages [s], or None likewise
+    clock_offset: float | None = None  # median header stamp minus recording time [s], None without
     gaps: int | None = None  # number of intervals longer than `GAP` times the usual one, or None
     # share of samples equal to the previous one: of the values of track speeds while the tracks
     # moved, of the samples of the IMU; None for other topics
     repeated_share: float | None = None
 
 
-class Spacing(NamedTuple):
-    """Spacing of messages in time; attributes as of `TopicReport`."""
-
-    mean_rate: float | None = None
-    largest_gap: float | None = None
-    gaps: int | None = None
-
-
-def spacing(times: Stamps) -> Spacing:
-    """Spacing of times (n,) in any order [ns]; all None for fewer than two."""
+def spacing(times: Stamps) -> dict[str, Any]:
+    """Rate and gaps of times (n,) in any order [ns], for `TopicReport`; {} if unknown."""
     times = np.sort(times)
     if len(times) < 2 or times[-1] == times[0]:
-        return Spacing()
+        return {}
     # As floats: far-off times would overflow.
     steps = np.diff(times.astype(np.float64)) * NANOSECOND
     median = float(np.median(steps))
     usual = median or float(steps.mean())  # the median is 0 if most times are equal
-    return Spacing(1.0 / usual, float(steps.max()), int((steps > GAP * median).sum()))
+    gaps = int((steps > GAP * median).sum())
+    return {"mean_rate": 1.0 / usual, "largest_gap": float(steps.max()), "gaps": gaps}
 
 
 @dataclass
@@ -103,7 +97,7 @@ class Survey:
             count=len(self.recorded),
             clock_offset=float(np.median(self.offsets) * NANOSECOND) if self.offsets else None,
             repeated_share=repeated_share,
-            **spacing(np.array(self.recorded, dtype=np.int64))._asdict(),
+            **spacing(np.array(self.recorded, dtype=np.int64)),
         )
 
 

@@ -174,17 +174,12 @@ def contact_points(geometry: ContactGeometry) -> ContactPoints:
 def vertical_loads(contact: Contact, right: Any = 0.0, forward: Any = 0.0) -> Loads:
     """Loads of the contact points under the weight and a force at the centre of mass.
 
-    Loads are planar over the points that touch and zero at those that lift off:
-    p = weight max(0, a + b x + c y). They solve a convex problem: minimise sum(p^2 / weight) subject to
-    the balance of force and moments and p >= 0. The solution is unique while the weight and the force
-    together point inside the contact. It is found by Newton's iteration over the set of touching points,
-    with a line search on the dual function, which ends at the exact set.
-
-    Args:
-        contact: geometry and centre of mass.
-        right: (n,) force at the centre of mass to the right [N]: inertia, and gravity's part along a
-            slope.
-        forward: (n,) that force forward [N].
+    The force (n,) to the right and forward [N] is that of inertia, and gravity's part along a slope.
+    Loads are planar over the points that touch and zero at those that lift off: p = weight max(0, a + b
+    x + c y). They solve a convex problem: minimise sum(p^2 / weight) subject to the balance of force
+    and moments and p >= 0. The solution is unique while the weight and the force together point inside
+    the contact. Newton's iteration over the set of touching points, with a line search on the dual
+    function, ends at the exact set.
     """
     from icreckon.simulation.contact.contact_forces import loads_of_many
 

@@ -194,22 +194,32 @@ def add_track_forces(
             jacobian[0, column] -= of_x
             jacobian[1, column] -= of_y
             jacobian[2, column] -= of_moment
-        resistance = ground.rolling_resistance[track]
-        if resistance > 0.0:
-            X = ground.half_gauge if track else -ground.half_gauge
-            speed = v_y + X * w if ground.opposes_travel else V
-            scale = 1.0 / np.sqrt(speed * speed + small * small)
-            unit = -resistance * speed * scale
-            slope = -resistance * load * scale * scale * scale * small * small
-            for row, lever in ((1, 1.0), (2, X)):
-                values[row] += lever * load * unit
-                jacobian[row, 5] += lever * right_load * unit
-                jacobian[row, 6] += lever * forward_load * unit
-                if ground.opposes_travel:
-                    jacobian[row, 1] += lever * slope
-                    jacobian[row, 2] += lever * X * slope
-                else:
-                    jacobian[row, V_column] += lever * slope
+        if ground.rolling_resistance[track] > 0.0:
+            track_loads = load, right_load, forward_load
+            _add_rolling_resistance(ground, track, twist, V, track_loads, values, jacobian)
+
+
+@compiled
+def _add_rolling_resistance(
+    ground: Ground, track: int, twist: Any, V: Any, loads: Any, values: Any, jacobian: Any
+) -> None:
+    """Add the rolling resistance of a track, by its load [N] and its derivatives."""
+    (_, v_y, w), (load, right_load, forward_load) = twist, loads
+    resistance, small = ground.rolling_resistance[track], ground.small
+    X = ground.half_gauge if track else -ground.half_gauge
+    speed = v_y + X * w if ground.opposes_travel else V
+    scale = 1.0 / np.sqrt(speed * speed + small * small)
+    unit = -resistance * speed * scale
+    slope = -resistance * load * scale * scale * scale * small * small
+    for row, lever in ((1, 1.0), (2, X)):
+        values[row] += lever * load * unit
+        jacobian[row, 5] += lever * right_load * unit
+        jacobian[row, 6] += lever * forward_load * unit
+        if ground.opposes_travel:
+            jacobian[row, 1] += lever * slope
+            jacobian[row, 2] += lever * X * slope
+        else:
+            jacobian[row, 3 + track] += lever * slope
 
 
 @compiled

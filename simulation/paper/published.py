@@ -79,11 +79,7 @@ AURIGA_ALPHA = VehicleConstants(gauge=0.42, mass=258.0, x_CM=-0.015, y_CM=0.04)
 
 @cache
 def published(name: str) -> PublishedNumber:
-    """Published number by its name.
-
-    Raises:
-        KeyError: an unknown name.
-    """
+    """Published number by its name; KeyError if it is unknown."""
     return {number.name: number for number in (*PUBLISHED, *READ_OFF)}[name]
 
 

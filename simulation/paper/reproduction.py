@@ -79,9 +79,7 @@ class InterceptCheck(NamedTuple):
 
 
 def paper_map(parameters: ContactParameters, *, count: int = 21) -> DynamicMap:
-    """Stationary motions of Auriga-alpha over the paper's grid of track speeds.
-
-    `count` is the number of speeds per track, 21 for the paper's 441 pairs.
+    """Stationary motions of Auriga-alpha over the paper's grid, by default 21 x 21.
 
     Raises:
         SimulationError: an invalid contact, or pairs without a stationary motion.
@@ -188,7 +186,6 @@ def check_intercepts(mapped: DynamicMap) -> InterceptCheck:
 def _signed_inertia(mapped: DynamicMap) -> Floats:
     """|F| sign(x_1) sign(x_2) of all turning motions, with the published H [N]."""
     turning, motion = mapped.turning, mapped.motion
-    x_1, x_2 = symmetry_coordinates(
-        motion.V_l[turning], motion.V_r[turning], published_parameters().H
-    )
+    H = published_parameters().H
+    x_1, x_2 = symmetry_coordinates(motion.V_l[turning], motion.V_r[turning], H)
     return np.asarray(mapped.magnitude[turning] * np.sign(x_1) * np.sign(x_2))

@@ -43,15 +43,13 @@ Worked = tuple[Floats, Reasons, dict[str, str]]
 def work(engine: Engine, cell: Cell, first_run: int, count: int) -> Worked:
     """Compute a block on the worker: `count` runs of a cell from run `first_run` on.
 
-    If the block raises an exception, its runs are repeated one by one, and only those that raise it again
-    fail.
-
-    Returns:
-        Statistics (filters, runs, statistics), NaN for failed runs; reasons of failed runs (filters,
-        runs), empty for the others; and the versions of the packages that compute.
+    If the block raises an exception, its runs are repeated one by one, and only those that raise it
+    again fail. The result is the statistics (filters, runs, statistics), NaN for failed runs, the
+    reasons of failed runs (filters, runs), empty for the others, and the versions of the packages that
+    compute.
     """
     block = engine.block
-    filters = {one.label: one for one in cell.filters}
+    filters = {spec.label: spec for spec in cell.filters}
     try:
         scores_by_label = block(cell, cell.filters, first_run, count)
     except MemoryError:
@@ -136,9 +134,8 @@ class Runner:
             if type(problem).__name__ in CLUSTER_LOSSES:
                 self._lose(job, problem)
                 return
-            raise SimulationError(
-                f"{self._named(job)}: {type(problem).__name__}: {problem}"
-            ) from problem
+            text = f"{self._named(job)}: {type(problem).__name__}: {problem}"
+            raise SimulationError(text) from problem
         if versions != computing_versions():
             raise SimulationError(
                 f"a worker computes with {versions}, and this command with {computing_versions()}: "

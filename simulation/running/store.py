@@ -158,11 +158,11 @@ def _refuse_others(folder: Path, manifest: dict[str, Any]) -> None:
 
 def _remove_other_study(folder: Path, manifest: dict[str, Any]) -> None:
     """Replace another study's manifest, and delete its blocks and the files listed."""
-    found = _read_manifest(folder)
-    if found is None or found["digest"] == manifest["digest"]:
+    other = _read_manifest(folder)
+    if other is None or other["digest"] == manifest["digest"]:
         return
     shutil.rmtree(folder / BLOCKS, ignore_errors=True)
-    for name in _written_files(found):
+    for name in _written_files(other):
         (folder / name).unlink(missing_ok=True)
     _write_manifest(folder, manifest, [])
 

@@ -85,7 +85,7 @@ class Plan:
     @property
     def labels(self) -> tuple[str, ...]:
         """Labels of the filters."""
-        return tuple(one.label for one in self.study.filters())
+        return tuple(spec.label for spec in self.study.filters())
 
 
 # Point of an axis or a Latin hypercube: its values by axis, and changes by dotted key.
@@ -119,17 +119,18 @@ def expand(study: Study) -> Plan:
 
 
 def _dimensions(study: Study) -> tuple[tuple[Axis, ...], list[list[_Point]]]:
-    """Axes, and the points of each dimension of the sweep.
-
-    An axis of the grid and one of cases is a dimension; a Latin hypercube is one with all its axes.
-    """
+    """Axes, and the points of each dimension: grid, cases, a Latin hypercube."""
     sweep = study.sweep
     axes: list[Axis] = []
     dimensions: list[list[_Point]] = []
     if sweep is None:
         return (), []
     for key, raw_values in sweep.grid.items():
-        values = tuple(_shown(value) for value in raw_values)
+        # Lists become text for tables and figures.
+        values = tuple(
+            value if isinstance(value, str | int | float | bool) else str(value)
+            for value in raw_values
+        )
         axes.append(Axis(key, _scale_of(values), values))
         pairs = zip(values, raw_values, strict=True)
         dimensions.append([({key: value}, {key: raw}) for value, raw in pairs])
@@ -163,10 +164,8 @@ def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
 
 
 def _aware_of_wander(settings: Settings, robot: Robot, scenario: Scenario) -> Settings:
-    """Settings with the wander of the scenario's fixes, unless they have one.
-
-    The wander of a robot file describes the fixes of its logs; the scenario's, or none, replaces it.
-    """
+    """Settings with the wander of the scenario's fixes, unless they have one."""
+    # The wander of a robot file is that of the fixes of its logs.
     errors = fix_errors(scenario.fixes, noise_preset(scenario.noise))
     wanders = errors.wander_sigma > 0.0
     if settings.wander is not None or not (wanders or FixWander.of(robot).sigma):
@@ -206,15 +205,12 @@ def _cell(
 
 
 def _with_noise_of(robot: Robot, true_robot: Robot, scenario: Scenario) -> Robot:
-    """Robot file with the noise of the simulated IMU and encoders.
-
-    The accelerometer's noise density is the larger one of simulation and file: the latter includes
-    vibration and slopes.
-    """
+    """Robot file with the noise of the simulated IMU and encoders."""
     preset = noise_preset(scenario.noise)
     gyro = gyro_errors(true_robot, scenario.gyro, preset)
     force = accelerometer_errors(true_robot, scenario.accelerometer, preset)
     encoders = encoder_errors(true_robot, scenario.encoders, preset)
+    # The larger one of simulation and file, which includes vibration and slopes.
     accelerometer_noise = max(force.noise_density, robot.imu.accelerometer_noise_density)
     imu = {
         "gyro_noise_density": max(gyro.noise_density, LEAST_NOISE),
@@ -268,11 +264,6 @@ def _with_outage(scenario: Scenario, length: Any) -> Scenario:
     end = scenario.duration
     outages = ((end - float(length), end),) if length else ()
     return msgspec.structs.replace(scenario, outages=outages)
-
-
-def _shown(value: Any) -> Value:
-    """Value of a grid for tables and figures: lists become text."""
-    return value if isinstance(value, str | int | float | bool) else str(value)
 
 
 def _scale_of(values: tuple[Value, ...]) -> Scale:

@@ -84,12 +84,12 @@ def failures_of(reasons: Any, labels: Sequence[str]) -> list[dict[str, Any]]:
             failed = [reason for reason in run_reasons if reason]
             if not failed:
                 continue
-            found = [
+            counted = [
                 {"reason": reason, "runs": count, "first_run": run_reasons.index(reason)}
                 for reason, count in Counter(failed).most_common()
             ]
             failure = {"cell": cell, "variant": label, "runs": len(failed)}
-            failures.append(failure | {"of": len(run_reasons), "reasons": found})
+            failures.append(failure | {"of": len(run_reasons), "reasons": counted})
     return failures
 
 

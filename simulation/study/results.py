@@ -79,9 +79,8 @@ def groups_of(plan: Plan, axis: Axis) -> list[Group]:
     for part in np.array_split(np.array(axis.values, dtype=float), min(GROUPS, len(axis.values))):
         low, high = float(part[0]), float(part[-1])
         middle = float(np.sqrt(low * high) if axis.scale == "log" else 0.5 * (low + high))
-        cells = tuple(
-            cell.index for cell in plan.cells if low <= float(cell.values[axis.name]) <= high
-        )
+        value_of = {cell.index: float(cell.values[axis.name]) for cell in plan.cells}
+        cells = tuple(index for index, value in value_of.items() if low <= value <= high)
         groups.append(Group(f"{low:.3g} to {high:.3g}", middle, cells))
     return groups
 
@@ -114,9 +113,7 @@ def study_results(
         "statistics": [statistic._asdict() for statistic in runs.statistics],
         "failed": _failed(runs),
         "alike": {
-            "variants": [
-                [plan.labels[index] for index in group] for group in alike(runs.values, 0)
-            ],
+            "variants": [[plan.labels[k] for k in group] for group in alike(runs.values, 0)],
             "cells": alike(runs.values, 1),
         },
         "drift": _reported_drift(runs),
@@ -172,9 +169,7 @@ def _failed(runs: Runs) -> dict[str, Any]:
     return {
         "runs": sum(failure["runs"] for failure in failures),
         "of": math.prod(runs.values.shape[:3]),
-        "cells": [
-            failure | {"values": runs.plan.cells[failure["cell"]].values} for failure in failures
-        ],
+        "cells": [case | {"values": runs.plan.cells[case["cell"]].values} for case in failures],
     }
 
 
@@ -187,10 +182,7 @@ def _by_variant(runs: Runs, summaries: list[list[Summary]]) -> dict[str, Any]:
 
 
 def _reported_drift(runs: Runs) -> str:
-    """Drift statistic of headline and figures: over the horizon that most cells have.
-
-    Of several such horizons it is the one nearest to `USUAL_HORIZON`.
-    """
+    """Drift over the horizon that most cells have, the nearest to `USUAL_HORIZON`."""
     names = [statistic.name for statistic in runs.statistics]
     horizons = sorted(runs.plan.study.horizons, key=lambda s: (abs(s - USUAL_HORIZON), s))
     columns = [names.index(DRIFT.format(horizon)) for horizon in horizons]

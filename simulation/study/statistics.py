@@ -78,14 +78,8 @@ def statistics(horizons: Sequence[float]) -> tuple[Statistic, ...]:
         Statistic("nees_pose_mean", "NEES of the pose, over the run", "-", 3.0),
         Statistic("nees_pose_end", "NEES of the pose at the end", "-", 3.0),
         Statistic("nees_velocity_mean", "NEES of the velocity, over the run", "-", 3.0),
-        *(
-            Statistic(f"nis_{name}_mean", f"NIS of {name}, per degree", "-", 1.0)
-            for name in SENSORS
-        ),
-        *(
-            Statistic(f"rejected_{name}", f"rejected by the gate of {name}", "-")
-            for name in SENSORS
-        ),
+        *(Statistic(f"nis_{key}_mean", f"NIS of {key}, per degree", "-", 1.0) for key in SENSORS),
+        *(Statistic(f"rejected_{key}", f"rejected by the gate of {key}", "-") for key in SENSORS),
         Statistic("rejected_total", "rejected measurements", "-"),
     )
 
@@ -154,11 +148,8 @@ def run_statistics(run: Run, log: Log, horizons: Sequence[float]) -> Floats:
 def path_statistics(
     estimate: Trajectory, truth: TrueTicks, segments: Sequence[Segments]
 ) -> list[Floats]:
-    """Statistics (...) of estimates, in their order, up to those of innovations.
-
-    The truth is at the stamps of the estimates, whose arrays may have an axis for runs side by side after
-    the first.
-    """
+    """Statistics (...) of estimates, in their order, up to those of innovations."""
+    # The truth is at the estimates' stamps. An axis for runs side by side may follow the first.
     *horizons, yaw_horizon = segments
     errors = estimate.poses - truth.poses
     errors[..., 2] = wrap_angle(errors[..., 2])

@@ -104,20 +104,15 @@ def ratio_interval(values: Floats, baseline: Floats, motions: Ints) -> tuple[flo
 
 
 def _on_log_scale(value: float, half: float) -> tuple[float, float, float]:
-    """Positive value and its interval, which is even about its logarithm.
-
-    `half` is the half-width of the value's own interval; divided by the value, of its logarithm's.
-    """
+    """Positive value and its interval, which is even about its logarithm."""
+    # `half` is the half-width of the value's own interval; over the value, of its logarithm's.
     with np.errstate(over="ignore"):
         factor = float(np.exp(half / value))
     return value, value / factor, value * factor
 
 
 def jackknife_half_width(without: Floats) -> float:
-    """Half-width of a 95 % interval, from estimates (m,) without one true motion each.
-
-    It is NaN for fewer than two estimates.
-    """
+    """Half-width of a 95 % interval, or NaN, by leaving out true motions (m,) in turn."""
     count = len(without)
     if count < 2:
         return math.nan

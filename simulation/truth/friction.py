@@ -148,20 +148,12 @@ def drive(
 ) -> Drive:
     """Integrate the motion of a vehicle from its track speeds.
 
-    Args:
-        contact: the vehicle on its usual ground.
-        yaw_inertia: about the vertical through the centre of mass [kg m²].
-        speeds: (n, 2) left, right at grid points of an even step [s], cubic in between [m/s].
-        speed_rates: (n, 2) their derivatives [m/s²].
-        step: time between grid points [s], at which the ground is looked up, and payloads change.
-        surface: height field of the ground.
-        patches: ground that differs along the path.
-        payloads: loads along the path.
-        load_lag: time constant of the load transfer [s].
-        tolerance: relative error allowed per step.
-        start: (6,) initial state, as in `icreckon.simulation.truth.friction_ode`; None for rest.
-        slip: (n, 3) slip residual of v_x, v_y [m/s], w [rad/s] in base_link's axes, which moves the
-            vehicle on a surface but is no part of the result; None for none.
+    Speeds (n, 2) left, right [m/s], cubic in between, and their derivatives [m/s²] are at grid points
+    of an even step [s], at which the ground is looked up and payloads change. The yaw inertia is about
+    the vertical through the centre of mass [kg m²], the load lag the time constant of the load transfer
+    [s], the tolerance the relative error per step, the start (6,) a state as in
+    `icreckon.simulation.truth.friction_ode`, by default at rest. A slip residual (n, 3) of v_x, v_y
+    [m/s], w [rad/s] in base_link's axes moves the vehicle on a surface, but is no part of the result.
 
     Raises:
         SimulationError: the loaded vehicle cannot stand, or the integration fails.
@@ -248,7 +240,7 @@ def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
     return Contact(
         msgspec.structs.replace(soil, **changed),
         msgspec.structs.replace(
-            geometry, positions=tuple(stretched * at for at in geometry.positions)
+            geometry, positions=tuple(stretched * y for y in geometry.positions)
         ),
         msgspec.structs.replace(
             body,

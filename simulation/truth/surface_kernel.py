@@ -103,7 +103,9 @@ def tilt(surface: Surface, patches: Floats, time: float, x: float, y: float) -> 
     """
     p_x, p_y = gradient(surface, x, y)
     for patch in patches:
-        share, along_x, along_y = _slope_cover(patch, time, x, y)
+        along_x, along_y = patch[SLOPE], patch[SLOPE + 1]
+        # NaN is no slope.
+        share = 0.0 if np.isnan(along_x) else _cover(patch, time, x, y)
         if share > 0.0:
             normal_part = np.sqrt(GRAVITY * GRAVITY - along_x * along_x - along_y * along_y)
             p_x += share * (-along_x / normal_part - p_x)
@@ -246,17 +248,6 @@ def _dot(first: Vector, other: Vector) -> float:
 def _cross(first: Vector, other: Vector) -> Vector:
     (x, y, z), (other_x, other_y, other_z) = first, other
     return y * other_z - z * other_y, z * other_x - x * other_z, x * other_y - y * other_x
-
-
-@compiled
-def _slope_cover(patch: Floats, time: float, x: float, y: float) -> tuple[float, float, float]:
-    """Weight of a patch's slope at a position and time, and the slope [m/s²].
-
-    The weight is zero for a patch without a slope.
-    """
-    if np.isnan(patch[SLOPE]):
-        return 0.0, 0.0, 0.0
-    return _cover(patch, time, x, y), patch[SLOPE], patch[SLOPE + 1]
 
 
 @compiled

@@ -85,12 +85,7 @@ class Terrain(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     @property
     def is_level(self) -> bool:
         """True if the ground is level everywhere."""
-        return not (self.slope_deg or self.is_curved)
-
-    @property
-    def is_curved(self) -> bool:
-        """True if the slope differs from place to place."""
-        return bool(self.rolling_deg or self.kerb_height)
+        return not (self.slope_deg or self.rolling_deg or self.kerb_height)
 
 
 def refuse_idle_keys(terrains: Sequence[Terrain], given: Iterable[str], source: str) -> None:
@@ -105,7 +100,7 @@ def refuse_idle_keys(terrains: Sequence[Terrain], given: Iterable[str], source: 
     written = set(given)
     for key in sorted(written & set(NEEDS)):
         needed = NEEDS[key]
-        acts = any(getattr(terrain, one) for terrain in terrains for one in needed.keys)
+        acts = any(getattr(terrain, other) for terrain in terrains for other in needed.keys)
         if not (acts or written & set(needed.keys)):
             raise SimulationError(
                 f"{source}: [terrain] {key} has no effect, {needed.text}, or leave it out"

@@ -71,9 +71,8 @@ class TrueMotion:
         roll_pitch = np.zeros((len(times), 2))
         if self.gravity is not None:
             forward, left, up = -self._linear(self.gravity, times).T
-            roll_pitch = np.stack(
-                [np.arctan2(left, up), -np.arctan2(forward, np.hypot(left, up))], axis=-1
-            )
+            roll, pitch = np.arctan2(left, up), -np.arctan2(forward, np.hypot(left, up))
+            roll_pitch = np.column_stack([roll, pitch])
         return np.column_stack([roll_pitch, poses[:, 2]])
 
     def spatial_at(self, times: Floats) -> Floats | None:

@@ -44,11 +44,8 @@ def compare_and_write(
 ) -> tuple[Results, CaseScores | None]:
     """Run the variants over a log, and write a report.
 
-    The arguments are those of `compare`, `summarise` and `write_report`; `folder` must exist. `case` has
-    the labels of log and robot if several are compared.
-
-    Returns:
-        The results, and of a labelled case the scores for `summarise_many`.
+    The arguments are those of `compare`, `summarise` and `write_report`; `folder` must exist. If several
+    logs or robots are compared, a labelled `case` has scores for `summarise_many`, next to the results.
     """
     check_formats(formats, log)
     if log.start < 0 and {*formats} & {"mcap", "ros1"}:
@@ -92,7 +89,7 @@ def compare_and_write(
 
 def kernels_of(variants: Iterable[str]) -> int:
     """Number of functions that streaming filters of these variants compile."""
-    kinds = {find_variant(one).model == "linear" for one in variants}
+    kinds = {find_variant(name).model == "linear" for name in variants}
     return SHARED_KERNELS + KERNELS_OF_A_KIND * len(kinds)
 
 

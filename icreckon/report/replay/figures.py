@@ -36,7 +36,8 @@ NO_FIXES, BOUNDS = "no fixes", "3σ of a filter"
 def write_figure(path: Path, results: Results) -> None:
     """Draw paths, errors (without a truth bounds and yaws), and indices, as PNG."""
     results = _with_breaks(results)
-    with drawing(SIZE, {"font.size": 11, "text.parse_math": False}) as figure:
+    style = {"font.size": 11, "axes.titlesize": 11, "text.parse_math": False}
+    with drawing(SIZE, style) as figure:
         rows = figure.add_gridspec(2, 1, height_ratios=(2.2, 1.0))
         upper = rows[0].subgridspec(2, 2, width_ratios=(1.0, 1.1), height_ratios=(1.7, 1.0))
         paths = figure.add_subplot(upper[:, 0])
@@ -75,10 +76,7 @@ def write_figure(path: Path, results: Results) -> None:
 
 
 def _with_breaks(results: Results) -> Results:
-    """Insert a row of None in each hole of the series, so that no line crosses it.
-
-    The stamp of such a row is that of the row after it: times have no None.
-    """
+    """Insert a row of None in each hole of the series, so that no line crosses it."""
     series = results["series"]
     rows, count = breaks_of(series["t_s"]), len(series["t_s"])
     if not rows:
@@ -94,6 +92,7 @@ def _with_breaks(results: Results) -> Results:
         return [None if math.isnan(value) else value for value in with_nan]
 
     broken = {key: with_breaks(values) for key, values in series.items()}
+    # Times have no None: the stamp of such a row is that of the row after it.
     times = floats(series["t_s"])
     broken["t_s"] = np.insert(times, rows, times[rows]).tolist()
     return results | {"series": broken}
@@ -151,9 +150,7 @@ def _draw_paths(axes: Axes, results: Results) -> None:
         axes.plot(x, y, color=colour, lw=width, ls=style, label=name)
         axes.plot(x[-1], y[-1], "s", color=colour, ms=6)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    axes.set_title("paths (squares: ends)", fontsize=11)
+    axes.set(xlabel="x [m]", ylabel="y [m]", title="paths (squares: ends)")
 
 
 def _shade_outages(axes: Axes, results: Results) -> None:
@@ -179,8 +176,7 @@ def _draw_position_errors(axes: Axes, results: Results) -> None:
     for number, (name, bound) in enumerate(zip(detailed, bounds, strict=True)):
         reached, label = _in_reach(bound, limit), BOUNDS if number == 0 else None
         axes.fill_between(time, 0.0, reached, color=colour_of(name), alpha=0.13, lw=0, label=label)
-    axes.set_ylim(0.0, limit)
-    axes.set_title("position error [m]", fontsize=11)
+    axes.set(ylim=(0.0, limit), title="position error [m]")
 
 
 def _widest(bounds: Sequence[Any], most: float) -> float:
@@ -208,8 +204,7 @@ def _draw_yaw_errors(axes: Axes, results: Results) -> None:
         axes.plot(time, error, color=colour_of(name), lw=1.3)
         reached = _in_reach(bound, limit)
         axes.fill_between(time, -reached, reached, color=colour_of(name), alpha=0.13, lw=0)
-    axes.set_ylim(-limit, limit)
-    axes.set_title("yaw error [deg]", fontsize=11)
+    axes.set(ylim=(-limit, limit), title="yaw error [deg]")
 
 
 def _draw_lines(axes: Axes, results: Results, title: str, key: str, scale: float) -> None:
@@ -218,7 +213,7 @@ def _draw_lines(axes: Axes, results: Results, title: str, key: str, scale: float
     for name, columns in series["variants"].items():
         values = scale * floats(columns[key])
         axes.plot(series["t_s"], values, color=colour_of(name), label=name)
-    axes.set_title(title, fontsize=11)
+    axes.set_title(title)
 
 
 INDEX_TITLES = {
@@ -241,7 +236,7 @@ def _draw_index(axes: Axes, results: Results, key: str) -> None:
     estimates = {name: floats(series["variants"][name][key]) for name in _detailed(results)}
     for name, values in estimates.items():
         axes.plot(time, values, color=colour_of(name), lw=1.2, label=name)
-    axes.set_title(INDEX_TITLES[key], fontsize=11)
+    axes.set_title(INDEX_TITLES[key])
     estimated = np.concatenate([*estimates.values()])
     if np.isfinite(estimated).any():
         axes.set_ylim(*_index_limits(estimated, truth))

@@ -84,9 +84,7 @@ def page_data(results: Results) -> Results:
     charts += [*_input_charts(results, columns), *_icr_charts(results, columns)]
     charts += [*_parameter_charts(results, columns), *_innovation_charts(results, columns)]
     drive = drive_data(results, columns)
-    items = [
-        item for chart in charts for part in ("lines", "bands") for item in chart.get(part, [])
-    ]
+    items = [item for chart in charts for key in ("lines", "bands") for item in chart.get(key, [])]
     time_columns = dict.fromkeys(["t", *(item["x"] for item in items)])
     return {
         "series": switches(results),
@@ -142,10 +140,7 @@ def breaks_of(times: Numbers) -> list[int]:
 
 
 def _error_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
-    """Charts of errors in position and yaw; of differences if there is no truth.
-
-    Differences are those from the reference variant; their columns are added to `columns`.
-    """
+    """Charts of errors in position and yaw; without a truth of added differences."""
     names = results["series"]["variants"]
     has_yaw = has_yaw_errors(results)
     position_title, position_key = "Position error", "position_error_m"
@@ -156,11 +151,10 @@ def _error_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
         yaw_title, yaw_key = f"Yaw less that of {reference}", "yaw_apart_rad"
         origin = names[reference]
         for name, own in names.items():
-            x, y, yaw = (
-                floats(own[key]) - floats(origin[key]) for key in ("x_m", "y_m", "yaw_rad")
-            )
+            keys = ("x_m", "y_m", "yaw_rad")
+            x, y, turned = (floats(own[key]) - floats(origin[key]) for key in keys)
             columns[f"{name}/apart_m"] = listed(np.hypot(x, y))
-            columns[f"{name}/yaw_apart_rad"] = listed(yaw)
+            columns[f"{name}/yaw_apart_rad"] = listed(turned)
     spans = outages(results)
     scored = " Yellow: without fixes, where drift is scored." if spans else ""
     note = f"Bands: the filter's own 3σ; bar at the edge: 3σ is off scale.{scored}"
@@ -169,9 +163,8 @@ def _error_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
     position |= {"floor": 0.0, "least": 1e-3}
     position["lines"] = [_line(name, position_key) for name in names]
     sigmas = {name: f"{name}/position_sigma_m" for name in names}
-    position["bands"] = [
-        _band(name, sigma, 3.0) for name, sigma in sigmas.items() if known(columns[sigma])
-    ]
+    known_sigmas = {name: sigma for name, sigma in sigmas.items() if known(columns[sigma])}
+    position["bands"] = [_band(name, sigma, 3.0) for name, sigma in known_sigmas.items()]
     yaw: Chart = {"title": yaw_title, "y_label": "yaw [deg]", "least": 0.01}
     yaw["lines"] = [_line(name, yaw_key, scale=DEGREES) for name in names]
     yaw["bands"] = []
@@ -250,12 +243,9 @@ def _move_by_turns(results: Results, columns: dict[str, Numbers]) -> dict[str, s
 
 
 def _input_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
-    """Charts of measured track speeds, and of the yaw rates by them and by the gyro.
-
-    Adds the column "inputs/tracks_rad_s".
-    """
+    """Charts of track speeds and of yaw rates by them and by the gyro; adds a column."""
     name, faults = found_faults(results)
-    spans = [span for found in faults.values() for span in found]
+    spans = [span for of_fault in faults.values() for span in of_fault]
     note = f"Yellow: faults found by the variant {name}, see What was dropped." if spans else ""
     common: Chart = {"place": "inputs", "least": 1e-3, "spans": spans, "note": note}
     speeds = common | {"title": "Track speeds, as measured", "y_label": "speed [m/s]"}

@@ -60,7 +60,9 @@ def drive_data(results: Results, columns: dict[str, Numbers]) -> Results:
             name: {key: f"{name}/{column}" for key, column in MOTION.items()}
             for name in series["variants"]
         },
-        "ellipses": {name: one.get("ellipses", []) for name, one in series["variants"].items()},
+        "ellipses": {
+            name: motion.get("ellipses", []) for name, motion in series["variants"].items()
+        },
         "first": first,
         "truth": "truth" in series,
         "fixes": bool(series.get("fixes", {}).get("x_m")),
@@ -75,10 +77,7 @@ def has_wheels(vehicle: Results) -> bool:
 
 
 def _colourings(results: Results, columns: dict[str, Numbers]) -> list[Results]:
-    """Choices of what colours the path: title, meaning, unit, sign, column by variant.
-
-    Only those with values; a variant without values has no column.
-    """
+    """Choices of what colours the path, and columns of the variants with values."""
     choices = []
     nis = "mean NIS of all sensors per degree of freedom, ideal 1"
     for title, meaning, key, unit, is_signed in (
@@ -108,4 +107,4 @@ def floats(values: Numbers | list[Numbers]) -> Any:
 
 def listed(values: Any) -> Numbers:
     """Five significant digits of an array, None for NaN."""
-    return [float(f"{one:.5g}") if math.isfinite(one) else None for one in values.tolist()]
+    return [float(f"{value:.5g}") if math.isfinite(value) else None for value in values.tolist()]

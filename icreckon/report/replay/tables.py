@@ -91,7 +91,7 @@ def results_table(results: Results, *, narrow: int = 0) -> Group:
     if narrow:
         columns = _fitting(results, columns, narrow)
     # NEES has an ideal, and no lowest that is best; differences have no best at all.
-    compared = [one.key for one in columns if truth and not one.key.startswith("nees")]
+    compared = [column.key for column in columns if truth and not column.key.startswith("nees")]
     tables = [_table(results, _title(results), columns, compared)]
     if page_text.is_spatial(results):
         # Its last columns, the height at the end and its sigma, are not compared.
@@ -155,7 +155,7 @@ def _table(
         table.add_column(column.heading, justify="right")
     best = {key: lowest(results["variants"], key) for key in compared}
     for name, scores in results["variants"].items():
-        cells = [_cell(scores, one, is_best=best.get(one.key) == name) for one in columns]
+        cells = [_cell(scores, column, is_best=best.get(column.key) == name) for column in columns]
         table.add_row(name, *cells)
     for name in results["failed"]:
         table.add_row(name, *[Text("ERROR", style="bold red")] * len(columns))
