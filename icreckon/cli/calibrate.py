@@ -111,11 +111,10 @@ def command(
             "models": list(names),
         }
         inputs = {str(path): path for path in [*paths, *message_files]}
-        summary = json_types(
-            summarise_calibration(
-                calibration, logs, gained, configuration=configuration, inputs=inputs
-            )
+        summary = summarise_calibration(
+            calibration, logs, gained, configuration=configuration, inputs=inputs
         )
+        summary = json_types(summary)
         with working("writing page and figure"), unless_missing():
             write_results(folder / RESULTS_FILE, summary)
             write_text(folder / PAGE_FILE, calibration_page(summary))

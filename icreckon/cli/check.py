@@ -53,12 +53,8 @@ def command(
     worth = None
     if len(log.tracks.stamps) and log.imu is not None:
         # If the filter cannot run with all corrections, the checks are shown without costs.
-        with (
-            console.progress(
-                "filtering, as the file is and corrected", compiles=kernels_of([VARIANT])
-            ) as report,
-            suppress(ReplayError),
-        ):
+        title, kernels = "filtering, as the file is and corrected", kernels_of([VARIANT])
+        with console.progress(title, compiles=kernels) as report, suppress(ReplayError):
             checks, worth, notes = judged(log, robot, checks, report)
             log = replace(log, notes=(*log.notes, *notes))
     hints = [] if guessed is None else robot_check.topics_left_out(guessed, robot)

@@ -49,28 +49,28 @@ def command(
         )
     wanted = parse_formats(formats)
     robot = load_robot(ROBOT)
-    # Fixes for the first third of the run.
-    scenario = Scenario(
-        trajectory=trajectory,
-        duration=duration,
-        seed=seed,
-        terrain=TERRAIN,
-        outages=((FIXES_END * duration, duration),),
-    )
+    scenario = demo_scenario(seed, duration, trajectory)
     with results_folder(out, DEFAULT_FOLDER, overwrite=overwrite) as folder:
         bag = write_log(simulate(scenario, robot), folder / BAG, "mcap", robot)
+        origin = {"command": "demo", "configuration": msgspec.to_builtins(scenario)}
+        origin |= {"inputs": {BAG: bag}, "seed": seed}
         say(f"simulated {duration:.0f} s of {ROBOT} and wrote them as a bag")
         failed = compare_and_report(
             replace(read_log(bag, robot), name=f"{scenario.trajectory} drive over rolling ground"),
             robot,
             folder,
-            command="demo",
-            configuration=msgspec.to_builtins(scenario),
-            inputs={BAG: bag},
-            seed=seed,
+            origin=origin,
             formats=wanted,
             as_json=as_json,
             wide=wide,
             workers=workers,
         )
     exit_if_failed(failed)
+
+
+def demo_scenario(seed: int, duration: float, trajectory: str) -> Scenario:
+    """Scenario of the demo: rolling ground, and fixes for the first third of the run."""
+    outages = ((FIXES_END * duration, duration),)
+    return Scenario(
+        trajectory=trajectory, duration=duration, seed=seed, terrain=TERRAIN, outages=outages
+    )

@@ -59,17 +59,7 @@ def command(
     else:
         _show(inspection, wide=wide, with_file=write is None)
     if write is not None:
-        former = write.read_bytes() if write.exists() else b""
-        proposed, taken = with_filled_in(proposed, write)
-        if former and former != proposed.encode():
-            backup = write.with_name(f"{write.name}~")
-            with written_beside(backup, overwrite=True) as old:
-                old.write_bytes(former)
-            console.say(f"the file before is in {backup}")
-        with written_beside(write, overwrite=overwrite, starts=(FIRST_WORDS.encode(),)) as new:
-            new.write_text(proposed, encoding="utf-8")
-        if taken:
-            console.say(f"kept from the file before: {', '.join(taken)}")
+        proposed = _write_robot_file(write, proposed, overwrite=overwrite)
         log_and_robot = f"{' '.join(map(str, paths))} --robot {write}"
         next_step = f"then: icreckon replay {log_and_robot}"
         if not sizes.gauge and "eta0 = " in proposed:
@@ -91,6 +81,22 @@ def command(
         console.write_file(
             ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite
         )
+
+
+def _write_robot_file(path: Path, proposed: str, *, overwrite: bool) -> str:
+    """Write a proposal with what a person filled in before; return its text."""
+    former = path.read_bytes() if path.exists() else b""
+    proposed, taken = with_filled_in(proposed, path)
+    if former and former != proposed.encode():
+        backup = path.with_name(f"{path.name}~")
+        with written_beside(backup, overwrite=True) as old:
+            old.write_bytes(former)
+        console.say(f"the file before is in {backup}")
+    with written_beside(path, overwrite=overwrite, starts=(FIRST_WORDS.encode(),)) as new:
+        new.write_text(proposed, encoding="utf-8")
+    if taken:
+        console.say(f"kept from the file before: {', '.join(taken)}")
+    return proposed
 
 
 def _draw(picture: Path, inspection: Inspection, *, overwrite: bool) -> None:

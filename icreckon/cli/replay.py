@@ -70,11 +70,10 @@ class _Drive:
     def all_options(self) -> dict[str, Any]:
         """Arguments of `compare_and_write`, without log, robot and folder."""
         name = str(self.paths[0]) if len(self.paths) == 1 else [str(path) for path in self.paths]
-        return self.options | {
-            "command": "replay",
-            "configuration": {"log": name, "robot": self.robot_name} | self.configuration,
-            "inputs": {str(path): path for path in [*self.paths, *self.message_files]},
-        }
+        configuration = {"log": name, "robot": self.robot_name} | self.configuration
+        inputs = {str(path): path for path in [*self.paths, *self.message_files]}
+        origin = {"command": "replay", "configuration": configuration, "inputs": inputs}
+        return self.options | {"origin": origin}
 
 
 def command(

@@ -4,7 +4,7 @@ import shlex
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 from rich.console import Group
@@ -117,14 +117,8 @@ class _Reporter:
     def __init__(self, name: str) -> None:
         self.done: Done | None = None
         self._shown_at = 0.0
-        self.bar = Progress(
-            SpinnerColumn(),
-            TextColumn(name),
-            BarColumn(BAR),
-            TextColumn("{task.fields[text]}"),
-            console=messages(),
-            transient=True,
-        )
+        shown = TextColumn(name), BarColumn(BAR), TextColumn("{task.fields[text]}")
+        self.bar = Progress(SpinnerColumn(), *shown, console=messages(), transient=True)
         self._task = self.bar.add_task(name, total=1.0, text="first block (compiles once)")
 
     def remark(self, words: str) -> None:
@@ -161,12 +155,9 @@ def _summary(study_results: Results, *, narrow: bool) -> Group:
     for summary in summary_tables(study_results, narrow=narrow):
         table = Table(title=f"{study_results['name']}: {summary.title}", title_justify="left")
         for number, heading in enumerate(summary.head):
-            table.add_column(
-                Text(heading),
-                justify="left" if number < summary.texts else "right",
-                no_wrap=number == summary.texts - 1,
-                overflow="fold",
-            )
+            is_last_text = number == summary.texts - 1
+            side: Any = "left" if number < summary.texts else "right"
+            table.add_column(Text(heading), justify=side, no_wrap=is_last_text, overflow="fold")
         for row in summary.rows:
             table.add_row(*(Text(cell) for cell in row))
         parts.append(table)

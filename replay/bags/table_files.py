@@ -194,7 +194,8 @@ def _decimal_point(rows: list[str], delimiter: str) -> str:
 
 def _read_parquet(path: Path) -> Read:
     """Read columns of numbers, times and texts, within the limit of the size."""
-    from pyarrow import parquet, types
+    from pyarrow import parquet
+    from pyarrow.types import is_null, is_primitive
 
     with parquet.ParquetFile(path) as file:
         groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
@@ -203,9 +204,7 @@ def _read_parquet(path: Path) -> Read:
     texts = [field.name for field in schema if str(field.type).removeprefix("large_") in TEXTS]
     # Besides, numbers and times, whose cells have one size, and empty columns.
     kinds = {field.name: field.type for field in schema}
-    is_sized = {
-        name: types.is_primitive(kind) or types.is_null(kind) for name, kind in kinds.items()
-    }
+    is_sized = {name: is_primitive(kind) or is_null(kind) for name, kind in kinds.items()}
     read = [field.name for field in schema if is_sized[field.name] or field.name in texts]
     # The stated size may be too small: a column of equal numbers takes hardly any bytes in a file.
     cells = sum(group.num_rows for group in groups) * len(read)

@@ -52,35 +52,24 @@ def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
         span = imu_span(log)
         if span is not None:
             first, last, text = span
-            yield Check(
-                "IMU's span",
-                "whole log",
-                text,
-                f"the IMU has {text}",
-                "look at its driver and cable, or cut the log",
-                lambda log, robot: (log.between(first, last), robot),
+            problem, remedy = f"the IMU has {text}", "look at its driver and cable, or cut the log"
+            yield Check("IMU's span", "whole log", text).contradicted(
+                problem, remedy, lambda log, robot: (log.between(first, last), robot)
             )
     source = robot.log.get("imu", {}).get("topic")
     if source is None and "imu" in robot.log.get("columns", {}):
         source = "its columns"
     largest = 0.0 if log.imu is None else float(np.abs(log.imu.angular_velocity).max())
     if largest > imu_mounting.ABSURD:
-        yield Check(
-            "gyro",
-            "rad/s",
-            f"up to {largest:.3g} rad/s",
+        yield Check("gyro", "rad/s", f"up to {largest:.3g} rad/s").contradicted(
             f"the gyro reads {largest:.3g} rad/s",
             'rate_unit in [log.imu] ("deg/s", "mdps"), or its driver',
             lambda log, robot: (replace(log, imu=None), robot),
         )
     if log.imu is None and source is not None:
-        yield Check(
-            "IMU",
-            str(source),
-            "no sample",
-            f"the log has no IMU sample on {source}: the heading is that of the tracks alone",
-            "the right topic in [log.imu]; icreckon inspect lists those of the log",
-        )
+        problem = f"the log has no IMU sample on {source}: the heading is that of the tracks alone"
+        remedy = "the right topic in [log.imu]; icreckon inspect lists those of the log"
+        yield Check("IMU", str(source), "no sample", problem, remedy)
 
 
 def check_gravity(log: Log, _: Robot) -> Iterator[Check]:

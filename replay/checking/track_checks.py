@@ -138,13 +138,10 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     vertical, _ = in_base(log.imu, robot)
     track_rate = float(np.ptp(log.tracks.speeds, axis=1).mean()) / effective_track(robot)
     if len(vertical) > FEWEST and np.ptp(vertical) == 0.0 and track_rate > CLEARLY_TURNS:
-        yield Check(
-            "gyro",
-            "shows turns",
-            f"reads {vertical[0]:.4g} rad/s all the time",
-            "the gyro reads one value all the time, and the tracks turn",
-            "look at its driver and cable; gyro_axes in [imu] if only one axis is logged",
-        )
+        in_log = f"reads {vertical[0]:.4g} rad/s all the time"
+        problem = "the gyro reads one value all the time, and the tracks turn"
+        remedy = "look at its driver and cable; gyro_axes in [imu] if only one axis is logged"
+        yield Check("gyro", "shows turns", in_log, problem, remedy)
         return
     correlation = imu_mounting.turning_correlation(log.tracks, log.imu, vertical)
     in_log = "nothing turns" if correlation is None else f"correlation {correlation:.2f}"
@@ -323,12 +320,11 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     if source == "accelerometer":
         text = f"accelerations are {ratio:.3g}{error} times the changes of the track speeds"
         text += " (suspensions explain 1.2)"
-    yield check.contradicted(
-        text,
+    remedy, corrected = (
         f"{name} = {value:g} in [{table}]",
         with_speeds(lambda speeds: ratio * speeds),
-        {f"{table}.{name}": value},
     )
+    yield check.contradicted(text, remedy, corrected, {f"{table}.{name}": value})
 
 
 def _measured_scale(log: Log, imu: ImuSeries, robot: Robot) -> tuple[Estimate | None, float]:

@@ -145,14 +145,9 @@ def _joint_states(
     nothing = np.empty(0)
 
     def make(messages: Messages, i: int) -> Any:
-        return messages.new(
-            ros.JOINT_STATE,
-            header=messages.header(tracks.stamps[i], ""),
-            name=names,
-            position=nothing,
-            velocity=rates[i],
-            effort=nothing,
-        )
+        header = messages.header(tracks.stamps[i], "")
+        fields = {"name": names, "position": nothing, "velocity": rates[i], "effort": nothing}
+        return messages.new(ros.JOINT_STATE, header=header, **fields)
 
     return Outbox(topic, ros.JOINT_STATE, tracks.stamps, make)
 

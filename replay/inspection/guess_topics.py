@@ -194,11 +194,10 @@ def _heading(surveys: Mapping[str, Survey]) -> HeadingTopic | None:
     for topic, survey in surveys.items():
         if survey.channel.msgtype != ros.IMU or _measures_rates(survey):
             continue
-        oriented = [
-            message for message in survey.messages if message.orientation_covariance[0] != ABSENT
-        ]
-        if any(abs(message.orientation.z) > 0.0 for message in oriented):
-            has_sigma = any(message.orientation_covariance[8] > 0.0 for message in oriented)
+        samples = survey.messages
+        oriented = [sample for sample in samples if sample.orientation_covariance[0] != ABSENT]
+        if any(abs(sample.orientation.z) > 0.0 for sample in oriented):
+            has_sigma = any(sample.orientation_covariance[8] > 0.0 for sample in oriented)
             return HeadingTopic(topic, sigma=None if has_sigma else PLACEHOLDER_SIGMA)
     return None
 

@@ -111,18 +111,14 @@ def inspect(
     for table in tables:
         reports += _column_reports(table, mapping.columns)
     missing = () if mapping.track_keys else (_missing_tracks(surveys.values()),)
+    errors = _error_findings(estimates)
     return Inspection(
         path=paths[0],
         duration=_duration(surveys.values(), log if tables else None),
         topics=tuple(reports),
         mapping=mapping,
         mounting=estimates.mounting,
-        findings=(
-            *missing,
-            *_findings(estimates),
-            *_rate_finding(track),
-            *_error_findings(estimates),
-        ),
+        findings=(*missing, *_findings(estimates), *_rate_finding(track), *errors),
         dropped=log.dropped if log is not None else {},
         notes=(*coarse_stamps(log.notes if log else ()), *notes),
         proposed_robot_file=robot_file.robot_file_text(paths[0], estimates),
@@ -185,12 +181,12 @@ def _estimates(
     except ReplayError as problem:
         if sizes.log:
             raise ReplayError(f"the streams of the robot file: {problem}") from None
-        if mapping.columns is not None or not any(
-            is_table(file) for file in paths if file.is_file()
-        ):
+        has_tables = any(is_table(file) for file in paths if file.is_file())
+        if mapping.columns is not None or not has_tables:
             notes.append(f"the proposed topics cannot be read: {problem}")
+    estimates = robot_file.LogEstimates(mapping, clocks, log, sizes)
     if log is None:
-        return robot_file.LogEstimates(mapping, clocks, log, sizes)
+        return estimates
     mounting, vertical = _mounting_and_vertical(log)
     latencies = _latencies(log, vertical)
     aligned = _without_latencies(log, latencies)
@@ -199,17 +195,14 @@ def _estimates(
     # Counts have no scale yet, by which wheels could be estimated.
     wheel_rate = None if mapping.lacks_counts_per_turn else vertical
     correlation = mounting.turning_correlation if mounting else None
-    return robot_file.LogEstimates(
-        mapping,
-        clocks,
-        log,
-        sizes,
-        mounting,
-        vertical,
-        wheels.wheel_estimates(aligned, wheel_rate, correlation),
-        latencies,
-        None if vertical is None else gyro_bias(aligned, vertical),
-        estimate_wander(log, vertical) if log.fixes is not None else None,
+    return with_changed(
+        estimates,
+        mounting=mounting,
+        vertical=vertical,
+        wheels=wheels.wheel_estimates(aligned, wheel_rate, correlation),
+        latencies=latencies,
+        bias=None if vertical is None else gyro_bias(aligned, vertical),
+        wander=estimate_wander(log, vertical) if log.fixes is not None else None,
     )
 
 
@@ -364,13 +357,8 @@ def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_s
                 if column.name != columns.time:
                     has_value = has_time & ~np.isnan(table.numbers([column.name])[:, 0])
                 spacing = topic_survey.spacing(stamps[has_value])
-        yield topic_survey.TopicReport(
-            topic=column.name,
-            msgtype=column.kind,
-            frame_id=table.path.name,
-            count=column.filled,
-            **spacing,
-        )
+        name, kind, file = column.name, column.kind, table.path.name
+        yield topic_survey.TopicReport(name, kind, file, column.filled, **spacing)
 
 
 def _missing_tracks(surveys: Collection[topic_survey.Survey]) -> str:

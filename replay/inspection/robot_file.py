@@ -109,12 +109,8 @@ def _vehicle_lines(estimates: LogEstimates) -> list[str]:
             f"track_gauge = {track:.3g}    # m, the effective track ({track:.3g}): fill in the distance "
             "between the centrelines of tracks or wheels"
         )
-    lines = [
-        "[vehicle]",
-        f"mass = nan               {FILL_IN} (kg, with load)",
-        gauge,
-        _radius_line(estimates),
-    ]
+    mass = f"mass = nan               {FILL_IN} (kg, with load)"
+    lines = ["[vehicle]", mass, gauge, _radius_line(estimates)]
     # Metres per unit of the log's track speeds, which were read with a radius of 1 m.
     radius = estimates.sizes.radius or estimates.wheels.distance_ratio
     scale = radius if estimates.mapping.in_rates else 1.0
@@ -168,10 +164,8 @@ def _imu_lines(estimates: LogEstimates) -> list[str]:
     """Table [imu]: mounting, gyro bias and noise densities."""
     mounting, log = estimates.mounting, estimates.log
     if log is None or log.imu is None:
-        return [
-            "# No IMU found: name its topic in [log.imu], its columns in [log.columns.imu].",
-            "",
-        ]
+        advice = "name its topic in [log.imu], its columns in [log.columns.imu]"
+        return [f"# No IMU found: {advice}.", ""]
     if mounting is None:
         return ["# The IMU's readings are absurd, and show nothing.", ""]
     has_tracks = len(log.tracks.stamps) > 0
@@ -192,18 +186,14 @@ def _imu_lines(estimates: LogEstimates) -> list[str]:
         )
     lines += _bias_lines(estimates.bias, has_tracks=has_tracks)
     if mounting.gyro_noise_density:
-        lines.append(
-            f"gyro_noise_density = {mounting.gyro_noise_density:.2g}"
-            "    # rad/s/√Hz, at standstill; vibration while driving adds to it"
-        )
+        remark = "rad/s/√Hz, at standstill; vibration while driving adds to it"
+        lines.append(f"gyro_noise_density = {mounting.gyro_noise_density:.2g}    # {remark}")
     if mounting.accelerometer_noise_density:
         remark = "fast vibration; slow disturbances add to it"
         if has_tracks:
             remark = "while driving, over 0.5 s, what the tracks do not explain"
-        lines.append(
-            f"accelerometer_noise_density = {mounting.accelerometer_noise_density:.2g}"
-            f"    # m/s²/√Hz, {remark}"
-        )
+        noise = f"{mounting.accelerometer_noise_density:.2g}    # m/s²/√Hz, {remark}"
+        lines.append(f"accelerometer_noise_density = {noise}")
     return [*lines, ""]
 
 
@@ -230,11 +220,10 @@ def _mounting_comments(mounting: Mounting) -> list[str]:
         end = "; roll and pitch turn it upright." if by_gravity else "."
         lines = [f"# Mean specific force ({x:.2f}, {y:.2f}, {z:.2f}) m/s²{end}"]
     if by_gravity:
-        lines.append(
-            "# Yaw: accelerations follow the track speeds with it."
-            if mounting.yaw_shown
-            else f"# Yaw {FILL_IN.removeprefix('# ')}; 0 is right if the IMU's x axis points forward."
-        )
+        yaw = f" {FILL_IN.removeprefix('# ')}; 0 is right if the IMU's x axis points forward."
+        if mounting.yaw_shown:
+            yaw = ": accelerations follow the track speeds with it."
+        lines.append(f"# Yaw{yaw}")
     elif mounting.up_shown_by == "turning":
         lines.append(
             "# Roll and pitch turn that axis up about which the gyro turns as the tracks do (correlation "

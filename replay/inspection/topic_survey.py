@@ -39,8 +39,7 @@ class TopicReport:
     msgtype: str  # message type
     frame_id: str  # frame of the first message, "" if it has none
     count: int  # number of messages
-    # one over the median interval [Hz]; None for fewer than two messages
-    mean_rate: float | None = None
+    mean_rate: float | None = None  # one over the median interval [Hz]; None for fewer than two
     largest_gap: float | None = None  # longest time between recorded messages [s], or None likewise
     clock_offset: float | None = None  # median header stamp minus recording time [s], None without
     gaps: int | None = None  # number of intervals longer than `GAP` times the usual one, or None
@@ -68,8 +67,7 @@ class Survey:
 
     channel: Channel  # the topic and its type
     recorded: array[int] = field(default_factory=lambda: array("q"))  # times of recording [ns]
-    # header stamp minus time of recording [ns], of messages with a header
-    offsets: array[int] = field(default_factory=lambda: array("q"))
+    offsets: array[int] = field(default_factory=lambda: array("q"))  # header less recording [ns]
     frame_id: str = ""  # frame of the first message that has one
     # some decoded ones, of the types in `SHAPE_CHECKS`; the first one of other types
     messages: list[Any] = field(default_factory=list)

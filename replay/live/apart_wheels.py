@@ -5,8 +5,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.replay.reading.wheels import TOGETHER, interpolated
 
-# Longest time between messages that belong together [ns].
-LONGEST = round(2.0 * TOGETHER / NANOSECOND)
+LONGEST = round(2.0 * TOGETHER / NANOSECOND)  # time between messages that belong together [ns]
 CLEARLY_SLOWER = 0.9  # ratio of messages below which another wheel becomes the slowest [-]
 
 

@@ -290,15 +290,10 @@ class LiveOdometry:
         if fixed is not None and fixed.stamp is not None:
             in_map = self.base.pose_in_map(fixed.pose, fixed.pose_covariance)
             of_map = fixed.state, fixed.covariance
+        in_odom = self.base.pose_in_odom(pose, covariance)
+        twist = self.base.twist(odom.twist, odom.twist_covariance)
         return LiveEstimate(
-            odom.stamp,
-            *self.base.pose_in_odom(pose, covariance),
-            *self.base.twist(odom.twist, odom.twist_covariance),
-            odom.indices,
-            *in_map,
-            self.base,
-            odom,
-            of_map,
+            odom.stamp, *in_odom, *twist, odom.indices, *in_map, self.base, odom, of_map
         )
 
 

@@ -48,6 +48,5 @@ class ReorderBuffer:
         ready = []
         while self._heap and self._heap[0].measurement.stamp < until:
             ready.append(heapq.heappop(self._heap).measurement)
-        return [
-            list(group) for _, group in groupby(ready, key=lambda measurement: measurement.stamp)
-        ]
+        by_stamp = groupby(ready, key=lambda measurement: measurement.stamp)
+        return [list(group) for _, group in by_stamp]

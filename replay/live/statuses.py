@@ -9,7 +9,7 @@ import numpy as np
 from icreckon.estimator.base.lag_search import BEYOND
 from icreckon.estimator.base.state import STATE_NAMES
 from icreckon.estimator.filter.fault_table import Finding
-from icreckon.estimator.filter.health import Health, SensorHealth, TiltHealth
+from icreckon.estimator.filter.health import SensorHealth, TiltHealth
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.diagnostic_status import (
     ERROR,
@@ -63,7 +63,10 @@ class LiveStatuses:
         if newest.stamp is not None:
             statuses.append(_parameters(newest, fixes=live.inputs.mapping.fixes is not None))
             statuses += self._never_heard()
-        statuses.append(self._faults(health))
+        tracks = live.inputs.mapping.tracks
+        joints = (tracks.left, tracks.right) if tracks else ((), ())
+        findings = [named_wheels(finding, *joints) for finding in health.findings]
+        statuses.append(findings_status(findings, health.times, health.slip_factor))
         if health.tilt is not None:
             statuses.append(tilt_status(health.tilt))
         statuses += [self._messages(), self._clocks(), self._latency(newest)]
@@ -72,9 +75,8 @@ class LiveStatuses:
     def _estimate(self, frame: str, estimator: PoseEstimator) -> DiagnosticStatus:
         name = f"icreckon: pose in {frame}"
         if estimator.stamp is None:
-            topics = ", ".join(
-                subscription.topic for subscription in self._live.inputs.subscriptions()
-            )
+            subscriptions = self._live.inputs.subscriptions()
+            topics = ", ".join(subscription.topic for subscription in subscriptions)
             return DiagnosticStatus(ERROR, name, f"no estimate yet; listening to {topics}", {})
         if loss := loss_of(estimator):
             text = f"{loss}; call the service ~/reset, or restart the node. Until then nothing is saved"
@@ -148,12 +150,6 @@ class LiveStatuses:
         counts = "; ".join(f"{reason} ({count})" for reason, count in new.items())
         text = f"not usable since the last report, with counts: {counts}"
         return DiagnosticStatus(WARN, name, text, values)
-
-    def _faults(self, health: Health) -> DiagnosticStatus:
-        tracks = self._live.inputs.mapping.tracks
-        names = (tracks.left, tracks.right) if tracks else ((), ())
-        findings = [named_wheels(finding, *names) for finding in health.findings]
-        return findings_status(findings, health.times, health.slip_factor)
 
     def _clocks(self) -> DiagnosticStatus:
         inputs = self._live.inputs

@@ -42,8 +42,7 @@ from icreckon.estimator.robot.soil import Soil
 if TYPE_CHECKING:
     from icreckon.simulation.contact.contact_forces import Ground
 
-# A vehicle that tips over on less is a mistake of units: tangent of the slope's angle.
-LEAST_TIPPING_SLOPE = 0.05
+LEAST_TIPPING_SLOPE = 0.05  # tangent of the slope; who tips over on less has a mistake of units
 
 
 class ContactGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -51,8 +50,7 @@ class ContactGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     gauge: Positive  # distance L between the track centrelines [m]
     positions: tuple[float, ...]  # forward coordinates of the contact points of a track, rising [m]
-    # share of each point in the load under even pressure, on any common scale; () for equal shares
-    weights: tuple[Positive, ...] = ()
+    weights: tuple[Positive, ...] = ()  # shares of an even load, on any scale; () for equal ones
     # outward offsets of the contact points from the centreline [m]; more than one spreads each position
     # evenly over the tread's width
     across: tuple[float, ...] = (0.0,)
@@ -161,11 +159,8 @@ def contact_points(geometry: ContactGeometry) -> ContactPoints:
     weights = np.array(geometry.weights or (1.0,) * len(geometry.positions))
     weights = np.repeat(weights, len(geometry.across))
     right = 0.5 * geometry.gauge + across
-    points = ContactPoints(
-        np.concatenate([-right, right]),
-        np.concatenate([along, along]),
-        np.concatenate([weights, weights]) / (2.0 * weights.sum()),
-    )
+    x, y = np.concatenate([-right, right]), np.concatenate([along, along])
+    points = ContactPoints(x, y, np.concatenate([weights, weights]) / (2.0 * weights.sum()))
     for values in points:
         values.setflags(write=False)  # cached, so all callers share these arrays
     return points
@@ -208,15 +203,12 @@ def ground(contact: Contact) -> Ground:
     """Convert a contact to the plain numbers of the compiled equations."""
     from icreckon.simulation.contact.contact_forces import Ground
 
-    soil, body = contact.soil, contact.body
-    points = contact_points(contact.geometry)
+    soil, geometry, body = contact.soil, contact.geometry, contact.body
     return Ground(
-        points.x,
-        points.y,
-        points.weight,
-        _even_loads(contact.geometry),
-        0.5 * contact.geometry.gauge,
-        _outline(contact.geometry),
+        *contact_points(geometry),
+        _even_loads(geometry),
+        0.5 * geometry.gauge,
+        _outline(geometry),
         np.array([soil.coefficients, soil.coefficients]),
         np.full(2, soil.rolling_resistance),
         soil.shear_modulus,

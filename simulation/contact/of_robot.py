@@ -25,13 +25,12 @@ def contact_of(robot: Robot) -> Contact:
     """
     vehicle = robot.vehicle
     try:
-        return Contact(
-            Soil() if robot.soil is None else robot.soil,
-            equally_spaced(
-                vehicle.track_gauge, vehicle.half_contact_length, vehicle.contact_points
-            ),
-            Body(vehicle.mass, *robot.centre_of_mass_paper, vehicle.centre_of_mass[2]),
+        soil = Soil() if robot.soil is None else robot.soil
+        geometry = equally_spaced(
+            vehicle.track_gauge, vehicle.half_contact_length, vehicle.contact_points
         )
+        body = Body(vehicle.mass, *robot.centre_of_mass_paper, vehicle.centre_of_mass[2])
+        return Contact(soil, geometry, body)
     except ValueError as error:
         raise EstimatorError(
             f"{robot.name}: no contact with the ground: {error}; correct [vehicle], or simulate with "

@@ -46,12 +46,9 @@ class Reading(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     # force input of Table II's inertia-based model: "measured", that of the stationary motion, or that
     # of the model itself in the "literal" or "smooth" form
     inertia: Inertia = "measured"
-    # largest inertia of motions in means and fits [N]; None for all
-    largest_inertia: float | None = None
-    # least difference of track speeds of motions in means and fits [m/s]
-    least_difference: float = 0.0
-    # True if Table II counts straight motions, which both models follow without error
-    straight: bool = True
+    largest_inertia: float | None = None  # of motions in means and fits [N]; None for all
+    least_difference: float = 0.0  # of the track speeds of motions in means and fits [m/s]
+    straight: bool = True  # True if Table II counts straight motions, which both models follow
 
 
 def read_means(mapped: DynamicMap, reading: Reading) -> ConstantIcr:

@@ -71,8 +71,7 @@ class InterceptCheck(NamedTuple):
     needed: float  # mean of s|F| at which the published fit (26) gives it [N]
     # range of `needed` over all values that round to the published digits [N]
     needed_range: tuple[float, float]
-    # mean of s|F| by the published parameters at the paper's track speeds [N]
-    of_published_model: float
+    of_published_model: float  # mean of s|F| by the published parameters [N]
     of_map: float  # mean of s|F| of the reproduced motions [N]
     mean_eta: float  # mean efficiency by the published mean ICRs, (19) [-]
     mean_eta_by_fit: float  # mean efficiency by (27) with the published model's own inertia [-]
@@ -141,12 +140,8 @@ def table_2_with_published_parameters(
 ) -> dict[Inertia, VelocityErrors]:
     """Table II of a map with the paper's numbers instead of fits, by `INERTIAS`."""
     parameters, icrs = published_parameters(), published_mean_icrs()
-    return {
-        inertia: read_errors(
-            mapped, parameters, icrs, msgspec.structs.replace(reading, inertia=inertia)
-        )
-        for inertia in INERTIAS
-    }
+    readings = {key: msgspec.structs.replace(reading, inertia=key) for key in INERTIAS}
+    return {key: read_errors(mapped, parameters, icrs, each) for key, each in readings.items()}
 
 
 def map_of_published_model() -> DynamicMap:

@@ -43,8 +43,7 @@ from icreckon.simulation.study.statistics import (
     statistics,
 )
 
-# Enough for the true motions of a few concurrent blocks; cells that share them are consecutive.
-KEPT_TRUTHS = 160
+KEPT_TRUTHS = 160  # enough for a few concurrent blocks; cells that share them are consecutive
 # Degrees of freedom of each sensor's innovations.
 DEGREES = {"gyro": 1.0, "accelerometer_x": 1.0, "accelerometer_y": 1.0, "position": 2.0}
 

@@ -4,7 +4,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,8 +36,7 @@ class Progress:
 
 
 Report = Callable[[Progress], None]
-# Statistics, reasons and versions, see `work`.
-Worked = tuple[Floats, Reasons, dict[str, str]]
+Worked = tuple[Floats, Reasons, dict[str, str]]  # statistics, reasons and versions, see `work`
 
 
 def work(engine: Engine, cell: Cell, first_run: int, count: int) -> Worked:
@@ -79,12 +78,11 @@ class Runner:
         store: BlockStore,
         report: Report | None,
     ) -> None:
-        self._plan, self._engine, self._store, self._report = plan, engine, store, report
+        self._plan, self._engine, self._store = plan, engine, store
+        self._report = report or (lambda _: None)
         self._waiting = deque(job for job in jobs if store.read(job) is None)
-        self._all = len(jobs)
-        self._found = self._all - len(self._waiting)
-        self._runs, self._left = 0, sum(self._runs_of(job) for job in self._waiting)
-        self._finished = self._found
+        found, left = len(jobs) - len(self._waiting), sum(map(self._runs_of, self._waiting))
+        self._progress = Progress(found, len(jobs), found, runs=0, runs_left=left)
         self._lost: Counter[Job] = Counter()
 
     def run(self, open_workplace: OpenWorkplace) -> None:
@@ -93,7 +91,7 @@ class Runner:
         Raises:
             SimulationError: a block fails, or its workers die repeatedly.
         """
-        self._report_progress()
+        self._report(self._progress)
         while self._waiting:
             # If workers die, all submitted blocks are queued again; the next workplace is new.
             with open_workplace() as workplace, suppress(BrokenExecutor):
@@ -142,10 +140,11 @@ class Runner:
                 "results would be a mixture; give all workers the same versions"
             )
         self._store.write(job, values, reasons)
-        self._finished += 1
-        self._runs += self._runs_of(job)
-        self._left -= self._runs_of(job)
-        self._report_progress()
+        done, runs = self._progress, self._runs_of(job)
+        self._progress = replace(
+            done, blocks=done.blocks + 1, runs=done.runs + runs, runs_left=done.runs_left - runs
+        )
+        self._report(self._progress)
 
     def _lose(self, job: Job, problem: BaseException) -> None:
         """Queue a block again whose worker has died."""
@@ -165,7 +164,3 @@ class Runner:
 
     def _runs_of(self, job: Job) -> int:
         return job.count * len(self._plan.labels)
-
-    def _report_progress(self) -> None:
-        if self._report is not None:
-            self._report(Progress(self._finished, self._all, self._found, self._runs, self._left))

@@ -22,13 +22,11 @@ MANIFEST = "manifest.json"
 RESULTS = "results.json"
 # Errors of reading a file with any byte changed.
 UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile)
-# Key of the manifest with the names of the files that were written, for `--overwrite`.
-FILES = "files"
+FILES = "files"  # key of the manifest with the names of written files, for `--overwrite`
 # Most differences that a message lists; those of `UNLISTED` follow from others, or are harmless.
 MOST_LISTED = 4
 UNLISTED = ("cells:", "axes:", "name:", "configuration.name:", "runs:", "configuration.runs:")
-# Reasons of failed runs, by filter and run; empty for the others.
-Reasons = NDArray[np.str_]
+Reasons = NDArray[np.str_]  # of failed runs, by filter and run; empty for the others
 
 
 @dataclass(frozen=True)

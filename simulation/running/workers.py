@@ -11,8 +11,7 @@ from urllib.parse import urlsplit
 from icreckon.estimator.base.worker_processes import worker_processes
 from icreckon.simulation.base.errors import SimulationError
 
-# Blocks queued per worker: it is never idle, and little is lost if it dies.
-AHEAD = 2
+AHEAD = 2  # blocks queued per worker: it is never idle, and little is lost if it dies
 CONNECT_SECONDS = 20.0
 THREADS = "study"
 

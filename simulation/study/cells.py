@@ -33,8 +33,7 @@ ROBOT, TRUE_ROBOT, FILTER = "robot", "true_robot", "filter"
 ROBOTS = (ROBOT, TRUE_ROBOT, FILTER)
 OUTAGE = "outage"
 LEAST_NOISE = 1e-9  # A filter takes no noise of exactly zero
-# A grid's axis is logarithmic if its largest value is at least this many times the smallest.
-LOG_SPAN = 20.0
+LOG_SPAN = 20.0  # least ratio of a grid's largest value to its smallest for a logarithmic axis
 
 Scale = Literal["linear", "log", "names"]
 Value = str | float | bool
@@ -46,8 +45,7 @@ class Axis:
 
     name: str  # the dotted key, or the name of the cases
     scale: Scale  # scale of its values in figures
-    # all values, in their order in the study; ascending for a Latin hypercube
-    values: tuple[Value, ...]
+    values: tuple[Value, ...]  # all values, as in the study; ascending for a Latin hypercube
     sampled: bool = False  # True for an axis of a Latin hypercube, where each value occurs once
 
 

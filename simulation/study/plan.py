@@ -22,8 +22,7 @@ from icreckon.simulation.base.random_streams import check_whole
 from icreckon.simulation.scenario import Scenario
 
 STUDIES_FOLDER = Path(__file__).parent / "studies"
-# Default number of distinct true motions of a cell; they are the most expensive part of a run.
-DEFAULT_TRUTHS = 20
+DEFAULT_TRUTHS = 20  # default number of true motions of a cell: the most expensive part of a run
 MOST_CELLS = 100_000
 MOST_RUNS = 10_000_000  # more runs take a year, and gigabytes for their results
 Runs = Annotated[

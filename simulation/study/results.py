@@ -25,8 +25,7 @@ from icreckon.simulation.study.summary import (
 Results = dict[str, Any]
 
 COMMAND = "study"
-# Preferred horizon at which drift is reported [s].
-USUAL_HORIZON = 30.0
+USUAL_HORIZON = 30.0  # preferred horizon at which drift is reported [s]
 FINAL_ERROR = "final_position_error_m"
 PERCENTILES = tuple(range(101))  # percentiles that represent the distribution of the final error
 MOST_DISTRIBUTIONS = 4  # number of stored distributions, of cells that lie far apart
@@ -91,9 +90,7 @@ def shown(value: Value) -> str:
     return f"{value:g}" if is_number else str(value)
 
 
-def study_results(
-    runs: Runs, manifest: dict[str, Any], cells: Sequence[list[list[Summary]]]
-) -> Results:
+def study_results(runs: Runs, manifest: Results, cells: Sequence[list[list[Summary]]]) -> Results:
     """Results of a study, ready for JSON, with its manifest and `cell_summaries`."""
     plan = runs.plan
     everything = tuple(cell.index for cell in plan.cells)
@@ -154,12 +151,8 @@ def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
         in_both = np.isfinite(values) & np.isfinite(baseline)
         paired = over_cells(np.where(in_both, values, np.nan))
         paired_baseline = over_cells(np.where(in_both, baseline, np.nan))
-        by_filter.append(
-            [
-                summarise(means[:, k], paired_baseline[:, k], motions, paired[:, k])
-                for k in range(len(runs.statistics))
-            ]
-        )
+        columns = zip(means.T, paired_baseline.T, paired.T, strict=True)
+        by_filter.append([summarise(mean, base, motions, pair) for mean, base, pair in columns])
     return by_filter
 
 

@@ -34,8 +34,7 @@ from icreckon.estimator.streaming.outputs import Run
 from icreckon.simulation.base.sampling import sample_times
 from icreckon.simulation.scenario import Scenario
 
-# Yaw drift is scored over segments of this length [s].
-YAW_HORIZON = 30.0
+YAW_HORIZON = 30.0  # yaw drift is scored over segments of this length [s]
 SENSORS = ("gyro", "accelerometer_x", "accelerometer_y", "position")
 DRIFT = "drift_percent_{:g}s"
 
@@ -159,18 +158,11 @@ def path_statistics(
     _, yaw_drift = _drift(estimate, truth, yaw_horizon)
     nees_mean, nees_end = _nees(errors, estimate.pose_covariances)
     velocity_nees_mean, _ = _nees(velocities, estimate.twist_covariances)
-    return [
-        *(100.0 * position_drift for position_drift, _ in drifts),
-        np.degrees(yaw_drift),
-        np.hypot(x[-1], y[-1]),
-        np.abs(yaw[-1]),
-        _rms(np.hypot(x, y)),
-        _rms(yaw),
-        *(_rms(velocities[..., axis]) for axis in range(3)),
-        nees_mean,
-        nees_end,
-        velocity_nees_mean,
-    ]
+    position_drifts = [100.0 * position_drift for position_drift, _ in drifts]
+    at_end = np.hypot(x[-1], y[-1]), np.abs(yaw[-1])
+    rms = (_rms(np.hypot(x, y)), _rms(yaw), *(_rms(velocities[..., axis]) for axis in range(3)))
+    all_nees = nees_mean, nees_end, velocity_nees_mean
+    return [*position_drifts, np.degrees(yaw_drift), *at_end, *rms, *all_nees]
 
 
 def _drift(estimate: Trajectory, truth: TrueTicks, segments: Segments) -> tuple[Floats, Floats]:

@@ -63,18 +63,12 @@ def summarise(
     mean = mean_interval(finite, finite_motions, positive=True)
     difference = mean_interval(paired[both] - baseline[both], motions[both])
     ratio = ratio_interval(paired[both], baseline[both], motions[both])
-    median, p05, p95 = np.percentile(finite, (50.0, 5.0, 95.0)) if len(finite) else [math.nan] * 3
-    return Summary(
-        len(finite),
-        len(np.unique(finite_motions)),
-        *mean,
-        float(median),
-        float(p05),
-        float(p95),
-        int(both.sum()),
-        *difference,
-        *ratio,
-    )
+    percentiles = [math.nan] * 3
+    if len(finite):
+        percentiles = np.percentile(finite, (50.0, 5.0, 95.0)).tolist()
+    median, p05, p95 = percentiles
+    runs, true_motions, pairs = len(finite), len(np.unique(finite_motions)), int(both.sum())
+    return Summary(runs, true_motions, *mean, median, p05, p95, pairs, *difference, *ratio)
 
 
 def mean_interval(

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple
 
-import msgspec
 import numpy as np
+from msgspec import structs
 from numpy.random import Generator
 from numpy.typing import NDArray
 
@@ -59,13 +59,15 @@ class Drive(NamedTuple):
     """Integrated motion at grid points."""
 
     twists: Floats  # (n, 3) v_x, v_y [m/s], w [rad/s] of the origin in the paper's axes
-    # (n, 2) force at the centre of mass that transfers load, right and forward [N]
-    transfer: Floats
+    transfer: (
+        Floats  # (n, 2) force at the centre of mass that transfers load, right and forward [N]
+    )
     # (n, 2) acceleration of gravity along the slope in x and y of odom [m/s²]; on terrain, in axes that
     # turn with the ground's normal, but not by the yaw rate
     slopes: Floats
-    # (n,) True if the weight and that force point outside the contact; not set at the last point
-    tipping: NDArray[np.bool_]
+    tipping: NDArray[
+        np.bool_
+    ]  # (n,) True if the force points outside the contact; not set at the end
 
 
 @dataclass(frozen=True)
@@ -77,8 +79,7 @@ class FrictionTruth:
     # `LENGTH_SHARE` for the contact's length, `HEIGHT_SHARE` and `CENTRE_SHARE` for the centre of mass
     spread: float = DEFAULT_SPREAD
     track_lag: float = TRACK_LAG  # time constant of the tracks behind their commands [s]
-    # factor on the slip residual `icreckon.simulation.truth.true_motion.TRUE_SLIP` [-]
-    slip_noise: float = 0.0
+    slip_noise: float = 0.0  # factor on the slip residual `true_motion.TRUE_SLIP` [-]
     terrain: Terrain | None = None  # shape of the ground; None for level ground
     patches: tuple[Patch, ...] = ()  # ground that differs along the path
     payloads: tuple[Payload, ...] = ()  # loads along the path
@@ -184,19 +185,13 @@ def drive(
         scales = np.array([SMALL_VELOCITY] * 3 + [SMALL_LOAD * body.weight] * 2 + [SMALL_YAW])
         span = slice(first, last + 1)
         mass = mass_matrix(body.mass, body.x_CM, body.y_CM, inertia)
-        steps = ode.integrate(
-            ode.Vehicle(ground(loaded_contact), np.asarray(np.linalg.inv(mass), float), load_lag),
-            surface,
-            rows,
-            ode.DrivenTracks(
-                first * step,
-                step,
-                np.ascontiguousarray(speeds[span]),
-                np.ascontiguousarray(speed_rates[span]),
-            ),
-            ode.Tolerance(tolerance, tolerance * scales),
-            ode.GridMotion(pose, states[span], slopes[span], tipping[span], residual[span]),
-        )
+        inverse_mass = np.asarray(np.linalg.inv(mass), float)
+        vehicle = ode.Vehicle(ground(loaded_contact), inverse_mass, load_lag)
+        grid = (np.ascontiguousarray(values[span]) for values in (speeds, speed_rates))
+        tracks = ode.DrivenTracks(first * step, step, *grid)
+        motion = ode.GridMotion(pose, states[span], slopes[span], tipping[span], residual[span])
+        allowed = ode.Tolerance(tolerance, tolerance * scales)
+        steps = ode.integrate(vehicle, surface, rows, tracks, allowed, motion)
         if steps < 0:  # minus the index of the grid point that was not reached
             raise SimulationError(
                 f"the motion cannot be integrated beyond {(first - steps) * step:.3f} s: "
@@ -237,19 +232,15 @@ def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
         "longitudinal_friction": None if along is None else float(along * np.exp(friction)),
         "rolling_resistance": float(soil.rolling_resistance * np.exp(rolling)),
     }
+    positions = tuple(stretched * y for y in geometry.positions)
+    x_CM = _within(body.x_CM + CENTRE_SHARE * 0.5 * geometry.gauge * right, geometry.gauge)
+    y_CM = body.y_CM + CENTRE_SHARE * half_length * forward
+    y_CM = _within(y_CM, 2.0 * stretched * half_length)
+    z_CM = float(body.z_CM * np.exp(HEIGHT_SHARE * height))
     return Contact(
-        msgspec.structs.replace(soil, **changed),
-        msgspec.structs.replace(
-            geometry, positions=tuple(stretched * y for y in geometry.positions)
-        ),
-        msgspec.structs.replace(
-            body,
-            x_CM=_within(body.x_CM + CENTRE_SHARE * 0.5 * geometry.gauge * right, geometry.gauge),
-            y_CM=_within(
-                body.y_CM + CENTRE_SHARE * half_length * forward, 2.0 * stretched * half_length
-            ),
-            z_CM=float(body.z_CM * np.exp(HEIGHT_SHARE * height)),
-        ),
+        structs.replace(soil, **changed),
+        structs.replace(geometry, positions=positions),
+        structs.replace(body, x_CM=x_CM, y_CM=y_CM, z_CM=z_CM),
     )
 
 

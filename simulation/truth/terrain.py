@@ -26,11 +26,9 @@ EVERYWHERE = (-float("inf"), float("inf"))
 STEEPEST = 60.0  # [deg]
 # Limit of rolling ground, and of the ramp that a kerb is to a vehicle [deg].
 STEEPEST_ROLLING = 30.0
-# Shortest waves, as a multiple of the length over which a vehicle touches the ground.
-SHORTEST_WAVE = 4.0
+SHORTEST_WAVE = 4.0  # shortest waves, over the length on which a vehicle touches the ground [-]
 HEAVIEST = 1e6  # heaviest payload [kg]
-# Numbers of a patch in the equations; `icreckon.simulation.truth.surface_kernel` lists them.
-PATCH_WIDTH = 13
+PATCH_WIDTH = 13  # numbers of a patch in the equations; `surface_kernel` lists them
 
 
 class Needs(NamedTuple):

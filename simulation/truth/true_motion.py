@@ -42,8 +42,7 @@ class TrueMotion:
     distances: Floats  # (m, 2) integrals of the track speeds since the start [m]
     parameters: Indices | None  # the true index parameters, or None if the truth has none
     source: str  # name of the truth
-    # (m, 3) acceleration of gravity in base_link's axes [m/s²], or None on level ground
-    gravity: Floats | None = None
+    gravity: Floats | None = None  # (m, 3) acceleration in base_link's axes [m/s²], None if level
     # (m,) integral of the yaw rate about base_link's own z axis [rad], on terrain; None if it is the
     # yaw of the pose. On terrain x, y are horizontal, and yaw is the heading of the projected x axis
     turns: Floats | None = None

@@ -16,8 +16,7 @@ BEFORE, AFTER = "#999999", "#0072B2"
 # Components of a segment's error, and factors from m, m and rad to their units.
 ERROR_LABELS = ("along [cm]", "across [cm]", "turning [deg]")
 ERROR_FACTORS = (100.0, 100.0, 180.0 / np.pi)
-# Length of a line of the verdict [characters].
-LINE_LENGTH = 110
+LINE_LENGTH = 110  # length of a line of the verdict [characters]
 STYLE = {"font.size": 10, "axes.titlesize": 10, "text.parse_math": False}
 TICKS = [2.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0]  # ticks of an axis in standard errors
 
@@ -101,9 +100,8 @@ def _draw_errors_by_turning(axes: Axes, results: Results) -> None:
     for key, colour in (("before", BEFORE), ("after", AFTER)):
         turning_errors = np.degrees(np.array(series[key])[:, 2])
         axes.plot(turned, turning_errors, ".", ms=4, color=colour)
-    axes.set(
-        xlabel="turned in a segment, by the gyro [deg]", ylabel="by gyro minus by tracks [deg]"
-    )
+    axes.set_xlabel("turned in a segment, by the gyro [deg]")
+    axes.set_ylabel("by gyro minus by tracks [deg]")
     axes.set_title("slope: effective track; offset: bias; curve: what the model lacks")
 
 

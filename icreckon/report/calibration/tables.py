@@ -16,8 +16,7 @@ STATUS = {
     "held": "held, not shown",
 }
 WIDE_FROM = 120  # width of a terminal from which on tables have all columns [characters]
-# Correlation from which two estimates can hardly be separated.
-STRONG_CORRELATION = 0.9
+STRONG_CORRELATION = 0.9  # correlation from which two estimates can hardly be separated
 ORIGIN = ("versions", "inputs", "format")
 
 

@@ -104,11 +104,8 @@ def _title(results: Results) -> str:
     title = f"{page_title(results)}, {log['duration_s']:.0f} s"
     if truth is None:
         return f"{title}, no ground truth"
-    drifts = {
-        name: results["variants"][name]["drift_percent_30s_mean"]
-        for name in IN_TITLE
-        if name in results["variants"]
-    }
+    variants, key = results["variants"], "drift_percent_30s_mean"
+    drifts = {name: variants[name][key] for name in IN_TITLE if name in variants}
     text = ", ".join(f"{name} {drift:.2f} %" for name, drift in drifts.items() if drift is not None)
     drift_line = f"\ndrift after 30 s without fixes: {text}" if text else ""
     simulated = "simulated: " if results["command"] == "demo" else ""

@@ -90,10 +90,10 @@ def horizon_of(results: Results) -> str:
 
 def many_failures(results: Results) -> list[str]:
     """Logs and variants without a result, each with its reason."""
-    lines = [
-        f"ERROR: {_log_name(case['log'], case['robot'], results)} has no result: {case['reason']}"
-        for case in results["failed"]
-    ]
+    lines = []
+    for case in results["failed"]:
+        name = _log_name(case["log"], case["robot"], results)
+        lines.append(f"ERROR: {name} has no result: {case['reason']}")
     for log in results["logs"]:
         name = _log_name(log["label"], log["robot"], results)
         lines += [f"{name}: {line}" for line in page_text.failures(log)]

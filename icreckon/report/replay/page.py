@@ -21,8 +21,7 @@ from icreckon.report.replay.tables import (
 )
 
 DEFAULT_HALF_LENGTH = Vehicle(mass=1.0, track_gauge=1.0, sprocket_radius=1.0).half_contact_length
-# Section of the page: its title, a note, tables.
-Section = tuple[str, str, list[Table]]
+Section = tuple[str, str, list[Table]]  # section of the page: its title, a note, tables
 
 
 def replay_page(results: Results) -> str:
@@ -182,9 +181,8 @@ def _icrs_note(results: Results) -> str:
 
 def _parameters_note(results: Results) -> str:
     # Each variant has the times, under "t_s", also without parameters.
-    if not any(
-        len(variant["parameters"]) > 1 for variant in results["series"]["variants"].values()
-    ):
+    variants = results["series"]["variants"].values()
+    if not any(len(variant["parameters"]) > 1 for variant in variants):
         return "No variant that was run learns any."
     return (
         "Those that a variant learns, with bands of ±2σ. Lengths and indices are in the paper's axes "
@@ -229,9 +227,8 @@ def _innovation_table(results: Results) -> Table | None:
     """Share of large innovations by variant and component; None if there are none."""
     variants = results["series"]["variants"]
     innovations = {name: variants[name]["innovations"] for name in variants}
-    components = list(
-        dict.fromkeys(key for by_component in innovations.values() for key in by_component)
-    )
+    keys = (key for by_component in innovations.values() for key in by_component)
+    components = list(dict.fromkeys(keys))
     if not components:
         return None
     rows = []

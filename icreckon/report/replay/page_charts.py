@@ -29,10 +29,8 @@ TRUTH, FIXES = "ground truth", "fixes used"
 # Variants shown when the page opens, next to the best and the baseline.
 FIRST_SHOWN = ("differential", "constant-online", "inertia-online")
 FEW = 4  # number of variants up to which all are shown
-# The variant whose ICRs lie on its tracks by definition, and would widen the axes.
-ON_TRACKS = "differential"
-# Innovations beyond are not drawn.
-LARGEST_INNOVATION = 10.0
+ON_TRACKS = "differential"  # its ICRs lie on its tracks by definition, and would widen the axes
+LARGEST_INNOVATION = 10.0  # innovations beyond are not drawn
 DEGREES = 180.0 / math.pi
 LEFT_COLOUR, RIGHT_COLOUR, GYRO_COLOUR = "#0072B2", "#D55E00", "#444444"
 FLAT = 0.1  # share of its standard deviation by which a parameter moves that has a chart

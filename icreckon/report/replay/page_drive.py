@@ -43,8 +43,9 @@ def drive_data(results: Results, columns: dict[str, Numbers]) -> Results:
     first = "inertia-online" if "inertia-online" in names else str(names[-1])
     if verdict and verdict["best"].startswith("inertia"):
         first = str(verdict["best"])
-    by_tracks = floats(columns["inputs/tracks_rad_s"])
+    by_tracks, ellipses = floats(columns["inputs/tracks_rad_s"]), {}
     for name, motion in series["variants"].items():
+        ellipses[name] = motion.get("ellipses", [])
         v_x, v_y, w = (floats(motion[key]) for key in ("v_x_m_s", "v_y_m_s", "w_rad_s"))
         columns[f"{name}/lost_rad_s"] = listed((by_tracks - w) * np.sign(by_tracks))
         # Angle from the robot's axis to its travel, to the left.
@@ -60,9 +61,7 @@ def drive_data(results: Results, columns: dict[str, Numbers]) -> Results:
             name: {key: f"{name}/{column}" for key, column in MOTION.items()}
             for name in series["variants"]
         },
-        "ellipses": {
-            name: motion.get("ellipses", []) for name, motion in series["variants"].items()
-        },
+        "ellipses": ellipses,
         "first": first,
         "truth": "truth" in series,
         "fixes": bool(series.get("fixes", {}).get("x_m")),

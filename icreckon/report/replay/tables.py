@@ -21,8 +21,7 @@ class Column(NamedTuple):
     decimals: int
 
 
-# Prefixes of notes that are banners above the table.
-BANNERS = (OF_ROBOT_FILE, OF_STAMPS)
+BANNERS = (OF_ROBOT_FILE, OF_STAMPS)  # prefixes of notes that are banners above the table
 SCORE_COLUMNS = (
     Column("drift 10 s\n% of distance", "drift_percent_10s_mean", 2),
     Column("drift 30 s\n% of distance", "drift_percent_30s_mean", 2),

@@ -25,16 +25,14 @@ from icreckon.simulation.study.summary import CONFIDENCE
 OTHER_COLOURS = ("#009E73", "black", "#F0E442", *COLOURS.values())
 MARKERS = "osD^vPX*"
 STYLE = {"font.size": 12, "axes.titlesize": 11, "legend.fontsize": 10, "legend.framealpha": 0.9}
-# Without the version of matplotlib, so that equal figures are equal bytes.
-METADATA = {"Software": None}
+METADATA = {"Software": None}  # no version of matplotlib: equal figures are equal bytes
 # Most names on an axis, or letters in them, without rotation; most cells named by their values.
 MOST_UPRIGHT = 4
 MOST_LETTERS = 60
 MOST_NAMED_CELLS = 12
 LEAST_DRIFT = 1e-6  # smallest drift that a colour shows [%]
 LOG_SPAN = 30.0  # ratio of the largest to the smallest value from which an axis is logarithmic
-# Range of the variants at one place, as a share of the distance between places.
-SPREAD = 0.5
+SPREAD = 0.5  # range of the variants at one place, as a share of the distance between places
 INERTIAL = {
     "noise_density": "{}/√Hz",
     "bias_sigma": "{}",

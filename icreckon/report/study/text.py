@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 from icreckon.report.printable import change, change_range
 from icreckon.simulation.study.results import FINAL_ERROR, Results, shown
 
-# Most cells of a table by cell; with more, tables are by axis.
-MOST_CELLS = 24
+MOST_CELLS = 24  # most cells of a table by cell; with more, tables are by axis
 NEES = "nees_pose_end"
 # NEES from which a filter is much too sure, the mark next to it, and keys that change the sensors' noise.
 MUCH_NEES, MARK = 6.0, "*"
@@ -18,8 +17,7 @@ ERROR = "ERROR"  # first word of failure messages
 # Most failures and reasons in the text; `results.json` lists all.
 MOST_FAILURES, MOST_REASONS = 12, 3
 LONGEST_REASON = 60  # longest reason in a table [characters]; the list of failures has it in full
-# Text for a statistic that runs with a result need not have, as a drift without an outage.
-NO_VALUE = "none to score"
+NO_VALUE = "none to score"  # text for a statistic that a run lacks, as a drift without an outage
 
 
 @dataclass(frozen=True)
