@@ -320,10 +320,8 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     if source == "accelerometer":
         text = f"accelerations are {ratio:.3g}{error} times the changes of the track speeds"
         text += " (suspensions explain 1.2)"
-    remedy, corrected = (
-        f"{name} = {value:g} in [{table}]",
-        with_speeds(lambda speeds: ratio * speeds),
-    )
+    remedy = f"{name} = {value:g} in [{table}]"
+    corrected = with_speeds(lambda speeds: ratio * speeds)
     yield check.contradicted(text, remedy, corrected, {f"{table}.{name}": value})
 
 

@@ -111,10 +111,7 @@ def _read_filled_in(path: Path) -> tuple[str, dict[str, dict[str, Any]]]:
     filled_in: dict[str, dict[str, Any]] = {}
     for table, values in former.items():
         for key, value in values.items():
-            # NaN is a placeholder.
-            parts = value if isinstance(value, list) else [value]
-            is_set = all(isinstance(part, str) or _is_finite(part) for part in parts)
-            if is_set and _mark(table, key, value) not in marks:
+            if _is_set(value) and _mark(table, key, value) not in marks:
                 filled_in.setdefault(table, {})[key] = value
     return text, filled_in
 
@@ -135,8 +132,11 @@ def _mark(table: str, key: str, value: Any) -> str:
     return f"{crc32(f'{table}.{key} = {toml_value(value)}'.encode()) & 0xFFFFF:05x}"
 
 
-def _is_finite(value: Any) -> bool:
-    return isinstance(value, int | float) and math.isfinite(value)
+def _is_set(value: Any) -> bool:
+    """Return True for texts, finite numbers and lists of them; NaN is a placeholder."""
+    parts = value if isinstance(value, list) else [value]
+    is_known = (isinstance(part, str | int | float) for part in parts)
+    return all(is_known) and all(math.isfinite(part) for part in parts if isinstance(part, float))
 
 
 def _tables(text: str) -> dict[str, list[str]]:

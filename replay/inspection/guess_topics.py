@@ -101,9 +101,8 @@ def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     for topic, survey in surveys.items():
         if survey.channel.msgtype != ros.JOINT_STATE or is_command(topic):
             continue
-        joints = [
-            list(state.name) for state in survey.messages if len(state.velocity) == len(state.name)
-        ]
+        states = survey.messages
+        joints = [list(state.name) for state in states if len(state.velocity) == len(state.name)]
         # Some drivers publish each wheel in a message of its own.
         all_joints = list(dict.fromkeys(name for names in joints for name in names))
         for names in (*joints, all_joints):

@@ -47,7 +47,7 @@ class Mounting:
 
 
 def estimate_mounting(log: Log) -> Mounting | None:
-    """Estimate mounting and noise of an IMU; None if there is none or it is absurd."""
+    """Estimate mounting and noise of an IMU; None without one or if it is absurd."""
     imu = log.imu
     if imu is None or len(imu.stamps) < 2:
         return None

@@ -5,7 +5,6 @@ The largest steering efficiency is not printed: it is read off a figure, and lis
 """
 
 from dataclasses import dataclass
-from decimal import Decimal
 from functools import cache
 
 from icreckon.estimator.motion.icr import PaperTwist
@@ -31,14 +30,10 @@ class PublishedNumber:
         """Value of the number [unit]."""
         return float(self.printed)
 
-    @property
-    def decimals(self) -> int:
-        """Number of published digits after the point."""
-        return max(0, -int(Decimal(self.printed).as_tuple().exponent))
-
     def rounds_from(self, reproduced: float) -> bool:
         """Return True if a value [unit] rounds to the published digits; False for NaN."""
-        half = 0.5 * 10.0**-self.decimals
+        _, _, decimals = self.printed.partition(".")
+        half = 0.5 * 10.0 ** -len(decimals)
         return abs(reproduced - self.value) <= half * (1.0 + ROUNDING_NOISE)
 
     def difference_percent(self, reproduced: float) -> float:

@@ -243,7 +243,7 @@ def _final_errors(runs: Runs) -> list[dict[str, Any]]:
 
 
 def alike(values: Floats, axis: int) -> list[list[int]]:
-    """Group filters (axis 0) or cells (axis 1) whose statistics equal to rounding.
+    """Group filters (axis 0) or cells (axis 1) with equal statistics, to rounding.
 
     Groups have two or more indices; values (filters, cells, runs, statistics) are NaN if missing.
     """

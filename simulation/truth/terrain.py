@@ -37,13 +37,6 @@ class Needs(NamedTuple):
     keys: tuple[str, ...]  # the keys
     without: str  # what the ground is without them
 
-    @property
-    def text(self) -> str:
-        """Reason why the other key changes nothing."""
-        *most, last = self.keys
-        keys = f"{', '.join(most)} or {last}" if most else last
-        return f"{self.without}: give {keys}"
-
 
 NEEDS = {
     "uphill_deg": Needs(
@@ -97,12 +90,13 @@ def refuse_idle_keys(terrains: Sequence[Terrain], given: Iterable[str], source: 
     """
     written = set(given)
     for key in sorted(written & set(NEEDS)):
-        needed = NEEDS[key]
-        acts = any(getattr(terrain, other) for terrain in terrains for other in needed.keys)
-        if not (acts or written & set(needed.keys)):
-            raise SimulationError(
-                f"{source}: [terrain] {key} has no effect, {needed.text}, or leave it out"
-            )
+        others, without = NEEDS[key]
+        acts = any(getattr(terrain, other) for terrain in terrains for other in others)
+        if not (acts or written & set(others)):
+            *most, last = others
+            keys = f"{', '.join(most)} or {last}" if most else last
+            remedy = f"{without}: give {keys}, or leave it out"
+            raise SimulationError(f"{source}: [terrain] {key} has no effect, {remedy}")
 
 
 PatchSlope = Annotated[

@@ -118,7 +118,7 @@ def interval_cell(
 
 
 def _horizons_with(results: Results, key: str) -> list[str]:
-    """Labels of horizons with a score, `key` with {} for the label; all without any."""
+    """Labels of horizons with the score `key` ({} is the label); all if none has it."""
     labels, variants = list(results["horizons"]), results["variants"].values()
     known = {name for scores in variants for name, value in scores.items() if value is not None}
     return [label for label in labels if key.format(label) in known] or labels

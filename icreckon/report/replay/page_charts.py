@@ -138,7 +138,7 @@ def breaks_of(times: Numbers) -> list[int]:
 
 
 def _error_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
-    """Charts of errors in position and yaw; without a truth of added differences."""
+    """Charts of errors in position and yaw; without a truth, of differences."""
     names = results["series"]["variants"]
     has_yaw = has_yaw_errors(results)
     position_title, position_key = "Position error", "position_error_m"
