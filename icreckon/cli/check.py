@@ -97,17 +97,7 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, hints: list[str]) 
         file_value = f" (file: {check.in_file})" if check.in_file else ""
         out.print(Text(f"{mark} {check.name}: {check.in_log}{file_value}"))
     contradictions = _costs(checks, worth)
-    if not contradictions and not _any_measured(checks):
-        out.print(Text("\nNothing could be checked: that takes track speeds and an IMU."))
-    elif not contradictions:
-        unseen = sum(check.measured is None for check in checks)
-        of_all = f", but it does not show {unseen} of {len(checks)} values" if unseen else ""
-        out.print(Text(f"\nNothing in the log contradicts the robot file{of_all}."))
-    else:
-        count = len(contradictions)
-        text = "One thing contradicts" if count == 1 else f"{count} things contradict"
-        end = ". Is this the file of another robot?" if robot_check.is_of_another(checks) else ":"
-        out.print(Text(f"\n{text} the log, worst first{end}\n"))
+    out.print(Text(f"\n{_verdict(checks, len(contradictions))}"))
     for number, (cost, check) in enumerate(contradictions, 1):
         text = check.problem[0].upper() + check.problem[1:]
         text += "" if text.endswith("?") else "."
@@ -124,6 +114,23 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, hints: list[str]) 
         out.print(Text(f"\nTo learn more in the next log: {'; '.join(worth.missing)}."))
     for hint in hints:
         out.print(Text(f"\nHint: {hint}"))
+
+
+def _verdict(checks: list[Check], contradictions: int) -> str:
+    """Say how many things contradict the log."""
+    if contradictions:
+        text = (
+            "One thing contradicts"
+            if contradictions == 1
+            else f"{contradictions} things contradict"
+        )
+        end = ". Is this the file of another robot?" if robot_check.is_of_another(checks) else ":"
+        return f"{text} the log, worst first{end}\n"
+    if not _any_measured(checks):
+        return "Nothing could be checked: that takes track speeds and an IMU."
+    unseen = sum(check.measured is None for check in checks)
+    of_all = f", but it does not show {unseen} of {len(checks)} values" if unseen else ""
+    return f"Nothing in the log contradicts the robot file{of_all}."
 
 
 def _any_measured(checks: list[Check]) -> bool:

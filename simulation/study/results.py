@@ -121,23 +121,22 @@ def study_results(runs: Runs, manifest: Results, cells: Sequence[list[list[Summa
             {"cell": cell.index, "values": cell.values, "variants": _by_variant(runs, summaries)}
             for cell, summaries in zip(plan.cells, cells, strict=True)
         ],
-        "effects": [
-            {
-                "axis": axis.name,
-                "groups": [
-                    {
-                        "name": group.name,
-                        "value": group.value,
-                        "cells": list(group.cells),
-                        "variants": _by_variant(runs, _summaries(runs, group.cells)),
-                    }
-                    for group in groups_of(plan, axis)
-                ],
-            }
-            for axis in plan.axes
-        ],
+        "effects": [{"axis": axis.name, "groups": _groups(runs, axis)} for axis in plan.axes],
         "final_errors": _final_errors(runs),
     }
+
+
+def _groups(runs: Runs, axis: Axis) -> list[Results]:
+    """Summaries of the cells that share a value of an axis."""
+    return [
+        {
+            "name": group.name,
+            "value": group.value,
+            "cells": list(group.cells),
+            "variants": _by_variant(runs, _summaries(runs, group.cells)),
+        }
+        for group in groups_of(runs.plan, axis)
+    ]
 
 
 def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
