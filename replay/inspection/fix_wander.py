@@ -127,11 +127,11 @@ def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | st
 
 
 def _cut_windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
-    """Cut the fixes into windows, with the path by odometry."""
-    from scipy.linalg import orth
+    """Cut the fixes into windows, with the path by odometry.
 
-    # `vertical` (n,) is the yaw rate [rad/s] at the IMU's stamps (n,) [ns]. Windows with holes or too few
-    # fixes are left out.
+    `vertical` (n,) is the yaw rate [rad/s] at the IMU's stamps (n,) [ns]. Windows with holes or too few
+    fixes are left out.
+    """
     fixes = log.fixes
     if fixes is None or len(stamps) < 2:
         return []
@@ -161,13 +161,19 @@ def _cut_windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
         if len(rows) < FEWEST_IN_WINDOW or has_hole:
             continue
         at_fixes = np.interp(times[rows], seconds, path)
-        bias_at_fixes = np.interp(times[rows], seconds, bias_path)
-        columns = np.column_stack([np.ones(len(rows)), at_fixes, bias_at_fixes])
-        scale = np.linalg.norm(columns, axis=0)
-        # Without columns that depend on others.
-        design = orth(columns / np.where(scale > 0.0, scale, 1.0), rcond=1e-6)
+        design = _independent_columns(at_fixes, np.interp(times[rows], seconds, bias_path))
         windows.append(_Window(times[rows], positions[rows], at_fixes, design))
     return windows
+
+
+def _independent_columns(path: Floats, bias_path: Floats) -> Floats:
+    """Orthonormal columns (n, k) that span a constant and both complex paths (n,)."""
+    from scipy.linalg import orth
+
+    columns = np.column_stack([np.ones(len(path)), path, bias_path])
+    scale = np.linalg.norm(columns, axis=0)
+    basis: Floats = orth(columns / np.where(scale > 0.0, scale, 1.0), rcond=1e-6)
+    return basis
 
 
 def _has_hole(stamps: Stamps, origin: int, begin: float) -> bool:
