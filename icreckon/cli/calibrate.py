@@ -4,7 +4,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from icreckon.cli.common import options
 from icreckon.cli.common.comparing import kernels_of, the_robot
@@ -53,25 +53,25 @@ def command(
     ],
     robot_name: options.RobotName = None,
     write: Annotated[
-        Path | None, typer.Option(help="Write the robot file with what was found here.")
+        Path | None, Option(help="Write the robot file with what was found here.")
     ] = None,
     ros: options.Ros = None,
     lever_arm: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Point that the truth follows, forward and left of the robot's origin in metres, as "
             "0.3,0.0 (default: estimated if observable)."
         ),
     ] = None,
     models: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Models to compare, separated by commas (default: all): differential, constant, "
             "inertia."
         ),
     ] = None,
     segment: Annotated[
-        float, typer.Option(help="Length of the segments that are predicted, in seconds.")
+        float, Option(help="Length of the segments that are predicted, in seconds.")
     ] = 3.0,
     message_files: options.MessageFiles = None,
     _unpacked_limit: options.UnpackedLimit = 0.5,
@@ -95,37 +95,24 @@ def command(
     parts = robot.log and are_parts(paths, topic_map(robot).columns)
     logs_of = [paths] if parts else list(map(_files_of, paths))
     with results_folder(out, f"icreckon-calibrate-{paths[0].stem}", overwrite=overwrite) as folder:
-        read = [_read(files, robot, definitions) for files in logs_of]
-        with progress(f"calibrating {robot.name} from {len(read)} log(s)") as report_progress:
-            try:
-                found = calibrate(
-                    read,
-                    robot,
-                    segment=segment,
-                    lever_arm=arm,
-                    models=names,
-                    speeds_by_radius=topic_map(robot).in_rates,
-                    progress=report_progress,
-                )
-            except IcreckonError as problem:
-                raise ReplayError(with_column_keys(str(problem), robot)) from None
+        logs = [_read(files, robot, definitions) for files in logs_of]
+        calibration = _calibrate(logs, robot, segment, arm, names)
+        calibrated = calibration.robot
         # Track speeds have the radius and latency of the robot by which they are read.
-        again = [_read(files, found.robot, definitions) for files in logs_of]
+        calibrated_logs = [_read(files, calibrated, definitions) for files in logs_of]
         kernels = kernels_of([VARIANT])
         with progress("filtering with the file before and after", compiles=kernels) as report:
-            gained = headline((read, robot), (again, found.robot), report)
+            gained = headline((logs, robot), (calibrated_logs, calibrated), report)
+        configuration = {
+            "logs": [str(path) for path in paths],
+            "robot": robot_name,
+            "segment": segment,
+            "lever_arm": lever_arm,
+            "models": list(names),
+        }
+        inputs = {str(path): path for path in [*paths, *message_files]}
         summary = summarise_calibration(
-            found,
-            read,
-            gained,
-            configuration={
-                "logs": [str(path) for path in paths],
-                "robot": robot_name,
-                "segment": segment,
-                "lever_arm": lever_arm,
-                "models": list(names),
-            },
-            inputs={str(path): path for path in [*paths, *message_files]},
+            calibration, logs, gained, configuration=configuration, inputs=inputs
         )
         summary = json_types(summary)
         with working("writing page and figure"), unless_missing():
@@ -135,23 +122,45 @@ def command(
 
             write_calibration_figure(folder / FIGURE_FILE, summary)
         if write is not None:
-            text = robot_file_text(found, [log.name for log in read], robot_name, gained)
+            text = robot_file_text(calibration, [log.name for log in logs], robot_name, gained)
             write_file(write, text, FIRST_WORDS, what="robot file", overwrite=overwrite)
         if ros is not None:
-            settings = ros_settings(again, found.robot, source=_origin(found))
+            settings = ros_settings(calibrated_logs, calibrated, source=_origin(calibration))
             write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
         table = partial(calibration_tables, summary)
         show(folder / RESULTS_FILE, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
 
 
-def _origin(found: Calibration) -> str:
+def _calibrate(
+    logs: list[Log],
+    robot: Robot,
+    segment: float,
+    lever_arm: tuple[float, float] | None,
+    models: tuple[str, ...],
+) -> Calibration:
+    """Calibrate with a progress bar; errors name the keys of the robot file."""
+    with progress(f"calibrating {robot.name} from {len(logs)} log(s)") as report:
+        try:
+            return calibrate(
+                logs,
+                robot,
+                segment=segment,
+                lever_arm=lever_arm,
+                models=models,
+                speeds_by_radius=topic_map(robot).in_rates,
+                progress=report,
+            )
+        except IcreckonError as problem:
+            raise ReplayError(with_column_keys(str(problem), robot)) from None
+
+
+def _origin(calibration: Calibration) -> str:
     """Origin of the multiplier of the wheel separation, with its standard error."""
-    track = next(
-        (parameter for parameter in found.parameters if parameter.name == "effective_track"), None
-    )
-    if track is None or track.sigma_other_logs is None:
+    sigmas = {parameter.name: parameter.sigma_other_logs for parameter in calibration.parameters}
+    sigma = sigmas.get("effective_track")
+    if sigma is None:
         return "of the robot file"
-    return f"calibrated ± {track.sigma_other_logs / found.robot.vehicle.track_gauge:.2g}"
+    return f"calibrated ± {sigma / calibration.robot.vehicle.track_gauge:.2g}"
 
 
 def _files_of(path: Path) -> list[Path]:

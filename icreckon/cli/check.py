@@ -8,12 +8,12 @@ from typing import Annotated, Any
 
 import typer
 from rich.text import Text
+from typer import Option
 
 from icreckon.cli.common import console
 from icreckon.cli.common.comparing import kernels_of, the_robot
 from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, RobotName, Ros, UnpackedLimit
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import OF_STAMPS, ReplayError
 from icreckon.replay.checking import robot_check
@@ -34,7 +34,7 @@ def command(
     ros: Ros = None,
     message_files: MessageFiles = None,
     _unpacked_limit: UnpackedLimit = 0.5,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    as_json: Annotated[bool, Option("--json", help="Print JSON instead of text.")] = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Check a robot file against a log: units, signs, mounting, latency.
@@ -53,12 +53,8 @@ def command(
     worth = None
     if len(log.tracks.stamps) and log.imu is not None:
         # If the filter cannot run with all corrections, the checks are shown without costs.
-        with (
-            console.progress(
-                "filtering, as the file is and corrected", compiles=kernels_of([VARIANT])
-            ) as report,
-            suppress(ReplayError),
-        ):
+        title, kernels = "filtering, as the file is and corrected", kernels_of([VARIANT])
+        with console.progress(title, compiles=kernels) as report, suppress(ReplayError):
             checks, worth, notes = judged(log, robot, checks, report)
             log = replace(log, notes=(*log.notes, *notes))
     hints = [] if guessed is None else robot_check.topics_left_out(guessed, robot)
@@ -68,20 +64,15 @@ def command(
     else:
         _show(log, checks, worth, hints)
     if ros is not None:
-        settings = _ros_settings(log, robot, checks)
+        wrong = [check.name for check in checks if check.problem and check.correction is not None]
+        source = "by this log" if wrong else "of the robot file"
+        log, robot = robot_check.with_corrected(log, robot, checks)
+        settings = ros_settings([log], robot, source=source, corrected=wrong)
         console.write_file(
             ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite
         )
     if any(check.problem for check in checks) or not _any_measured(checks):
         raise typer.Exit(console.FAILED)
-
-
-def _ros_settings(log: Log, robot: Robot, checks: list[Check]) -> str:
-    """Settings for ROS of the corrected robot."""
-    corrected = [check.name for check in checks if check.problem and check.correction is not None]
-    source = "by this log" if corrected else "of the robot file"
-    log, robot = robot_check.with_corrected(log, robot, checks)
-    return ros_settings([log], robot, source=source, corrected=corrected)
 
 
 def _costs(checks: list[Check], worth: Worth | None) -> list[tuple[float, Check]]:
@@ -106,17 +97,14 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, hints: list[str]) 
         file_value = f" (file: {check.in_file})" if check.in_file else ""
         out.print(Text(f"{mark} {check.name}: {check.in_log}{file_value}"))
     contradictions = _costs(checks, worth)
-    if not contradictions and not _any_measured(checks):
-        out.print(Text("\nNothing could be checked: that takes track speeds and an IMU."))
-    elif not contradictions:
-        unseen = sum(check.measured is None for check in checks)
-        of_all = f", but it does not show {unseen} of {len(checks)} values" if unseen else ""
-        out.print(Text(f"\nNothing in the log contradicts the robot file{of_all}."))
-    else:
-        out.print(Text(f"\n{_headline(len(contradictions), checks)}\n"))
+    out.print(Text(f"\n{_verdict(checks, len(contradictions))}"))
     for number, (cost, check) in enumerate(contradictions, 1):
-        cost_text = "" if worth is None or math.isnan(cost) else f" {_cost(cost, worth)}"
-        out.print(Text(f"{number}. {_sentence(check.problem)}{cost_text}"))
+        text = check.problem[0].upper() + check.problem[1:]
+        text += "" if text.endswith("?") else "."
+        if worth is not None and not math.isnan(cost):
+            share = "nothing here" if cost < LEAST_COST else f"{cost:.1f} % of the distance"
+            text += f" Costs {VARIANT} {share} in {worth.horizon:g} s."
+        out.print(Text(f"{number}. {text}"))
         verb = "Set" if " = " in check.remedy else "Remedy:"
         out.print(Text(f"   {verb} {check.remedy}"))
     is_wrong, has_truth = bool(contradictions), log.truth is not None
@@ -128,39 +116,39 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, hints: list[str]) 
         out.print(Text(f"\nHint: {hint}"))
 
 
+def _verdict(checks: list[Check], contradictions: int) -> str:
+    """Say how many things contradict the log."""
+    if contradictions:
+        text = (
+            "One thing contradicts"
+            if contradictions == 1
+            else f"{contradictions} things contradict"
+        )
+        end = ". Is this the file of another robot?" if robot_check.is_of_another(checks) else ":"
+        return f"{text} the log, worst first{end}\n"
+    if not _any_measured(checks):
+        return "Nothing could be checked: that takes track speeds and an IMU."
+    unseen = sum(check.measured is None for check in checks)
+    of_all = f", but it does not show {unseen} of {len(checks)} values" if unseen else ""
+    return f"Nothing in the log contradicts the robot file{of_all}."
+
+
 def _any_measured(checks: list[Check]) -> bool:
     return any(check.measured is not None for check in checks)
-
-
-def _headline(count: int, checks: list[Check]) -> str:
-    text = "One thing contradicts" if count == 1 else f"{count} things contradict"
-    end = ". Is this the file of another robot?" if robot_check.is_of_another(checks) else ":"
-    return f"{text} the log, worst first{end}"
-
-
-def _sentence(text: str) -> str:
-    return text[0].upper() + text[1:] + ("" if text.endswith("?") else ".")
-
-
-def _cost(cost: float, worth: Worth) -> str:
-    if cost < LEAST_COST:
-        return f"Costs {VARIANT} nothing here in {worth.horizon:g} s."
-    return f"Costs {VARIANT} {cost:.1f} % of the distance in {worth.horizon:g} s."
 
 
 def _drift(worth: Worth, *, is_wrong: bool, has_truth: bool) -> str:
     """Text on the drift before and after correction; empty without truth or problem."""
     of_variant = f"of {VARIANT} after {worth.horizon:g} s without fixes"
-    as_it_is = (
-        "no result" if math.isnan(worth.as_it_is) else f"{worth.as_it_is:.1f} % of the distance"
-    )
+    unknown = math.isnan(worth.as_it_is)
+    as_it_is = "no result" if unknown else f"{worth.as_it_is:.1f} % of the distance"
     if not has_truth:
         if not is_wrong:
             return ""
         if worth.as_it_is < LEAST_COST:
             return f"Once corrected: no effect on the path {of_variant}."
         return f"Path {of_variant}: {as_it_is} from that once corrected."
-    if math.isnan(worth.as_it_is) and math.isnan(worth.corrected):
+    if unknown and math.isnan(worth.corrected):
         return "The log is too short, or its truth too rough, to tell what this costs."
     if not is_wrong or math.isnan(worth.corrected):
         return f"Drift {of_variant}: {as_it_is}."

@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Annotated
 
 import msgspec
-import typer
+from typer import Option
 
 from icreckon.cli.common.comparing import compare_and_report
 from icreckon.cli.common.console import exit_if_failed, results_folder, say
@@ -29,9 +29,9 @@ TERRAIN = Terrain(rolling_deg=3.0, wavelength=20.0)  # ground that a robot drive
 
 
 def command(
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 1,
-    duration: Annotated[float, typer.Option(help="Length of the run in seconds.")] = DURATION,
-    trajectory: Annotated[str, typer.Option(help=f"{', '.join(TRAJECTORIES)}.")] = "random",
+    seed: Annotated[int, Option(min=0, help="Seed of all random numbers.")] = 1,
+    duration: Annotated[float, Option(help="Length of the run in seconds.")] = DURATION,
+    trajectory: Annotated[str, Option(help=f"{', '.join(TRAJECTORIES)}.")] = "random",
     formats: Formats = None,
     out: Out = None,
     as_json: Json = False,
@@ -52,15 +52,14 @@ def command(
     scenario = demo_scenario(seed, duration, trajectory)
     with results_folder(out, DEFAULT_FOLDER, overwrite=overwrite) as folder:
         bag = write_log(simulate(scenario, robot), folder / BAG, "mcap", robot)
+        origin = {"command": "demo", "configuration": msgspec.to_builtins(scenario)}
+        origin |= {"inputs": {BAG: bag}, "seed": seed}
         say(f"simulated {duration:.0f} s of {ROBOT} and wrote them as a bag")
         failed = compare_and_report(
             replace(read_log(bag, robot), name=f"{scenario.trajectory} drive over rolling ground"),
             robot,
             folder,
-            command="demo",
-            configuration=msgspec.to_builtins(scenario),
-            inputs={BAG: bag},
-            seed=seed,
+            origin=origin,
             formats=wanted,
             as_json=as_json,
             wide=wide,
@@ -71,10 +70,7 @@ def command(
 
 def demo_scenario(seed: int, duration: float, trajectory: str) -> Scenario:
     """Scenario of the demo: rolling ground, and fixes for the first third of the run."""
+    outages = ((FIXES_END * duration, duration),)
     return Scenario(
-        trajectory=trajectory,
-        duration=duration,
-        seed=seed,
-        terrain=TERRAIN,
-        outages=((FIXES_END * duration, duration),),
+        trajectory=trajectory, duration=duration, seed=seed, terrain=TERRAIN, outages=outages
     )

@@ -4,7 +4,7 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from icreckon.cli.common.console import say
 from icreckon.cli.common.options import Overwrite, RobotName
@@ -25,16 +25,14 @@ DRIVE = Scenario(duration=20.0, fix_rate=1.0)
 
 def command(
     robot: RobotName = None,
-    out: Annotated[Path, typer.Option(help="Folder to write.")] = Path("icreckon_filter"),
-    variant: Annotated[str, typer.Option(help="Filter variant.")] = "inertia-online",
-    precision: Annotated[
-        str, typer.Option(help="Numbers of the filter: float or double.")
-    ] = "float",
+    out: Annotated[Path, Option(help="Folder to write.")] = Path("icreckon_filter"),
+    variant: Annotated[str, Option(help="Filter variant.")] = "inertia-online",
+    precision: Annotated[str, Option(help="Numbers of the filter: float or double.")] = "float",
     imu_rate: Annotated[
-        float, typer.Option(help="Highest rate of the IMU in Hz, for the size of a buffer.")
+        float, Option(help="Highest rate of the IMU in Hz, for the size of a buffer.")
     ] = 200.0,
     compact: Annotated[
-        bool, typer.Option("--compact", help="Write smaller code, which takes 2.6 times as long.")
+        bool, Option("--compact", help="Write smaller code, which takes 2.6 times as long.")
     ] = False,
     overwrite: Overwrite = False,
 ) -> None:

@@ -9,6 +9,7 @@ import msgspec
 import typer
 from rich.table import Table
 from rich.text import Text
+from typer import Option
 
 from icreckon.cli.common import console
 from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, Ros, UnpackedLimit, Wide
@@ -32,14 +33,14 @@ WIDE_FROM = 120  # width of a terminal from which on names have columns of their
 
 def command(
     paths: Logs,
-    write: Annotated[Path | None, typer.Option(help="Write the proposed robot file here.")] = None,
+    write: Annotated[Path | None, Option(help="Write the proposed robot file here.")] = None,
     picture: Annotated[
-        Path | None, typer.Option(help="Draw the effective track over the yaw rate here (PNG).")
+        Path | None, Option(help="Draw the effective track over the yaw rate here (PNG).")
     ] = None,
     ros: Ros = None,
     message_files: MessageFiles = None,
     _unpacked_limit: UnpackedLimit = 0.5,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+    as_json: Annotated[bool, Option("--json", help="Print JSON instead of tables.")] = False,
     wide: Wide = False,
     overwrite: Overwrite = False,
 ) -> None:
@@ -51,43 +52,29 @@ def command(
     sizes = NO_SIZES if write is None else filled_in_sizes(write)
     definitions = read_definitions(message_files or [])
     with console.working(f"reading {source_name(paths)}"):
-        found = inspect(paths, definitions=definitions, sizes=sizes)
-    proposed = found.proposed_robot_file
+        inspection = inspect(paths, definitions=definitions, sizes=sizes)
+    proposed = inspection.proposed_robot_file
     if as_json:
-        typer.echo(json.dumps(_as_plain(found), indent=1))
+        typer.echo(json.dumps(_as_plain(inspection), indent=1))
     else:
-        _show(found, wide=wide, with_file=write is None)
+        _show(inspection, wide=wide, with_file=write is None)
     if write is not None:
-        former = write.read_bytes() if write.exists() else b""
-        proposed, taken = with_filled_in(proposed, write)
-        if former and former != proposed.encode():
-            kept = write.with_name(f"{write.name}~")
-            with written_beside(kept, overwrite=True) as old:
-                old.write_bytes(former)
-            console.say(f"the file before is in {kept}")
-        with written_beside(write, overwrite=overwrite, starts=(FIRST_WORDS.encode(),)) as new:
-            new.write_text(proposed, encoding="utf-8")
-        if taken:
-            console.say(f"kept from the file before: {', '.join(taken)}")
-        again = (
-            ""
-            if sizes.gauge or "eta0 = " not in proposed
-            else "run this again with --overwrite, which computes eta0, "
-        )
-        then = (
-            f"{again}then: icreckon replay {' '.join(map(str, paths))} --robot {write}"
-            if found.mapping.track_keys
-            else "and name the track speeds in [log.tracks]: without them nothing can be replayed"
-        )
-        if FILL_IN in proposed:
-            console.say(
-                f"proposed robot file in {write}; complete the lines marked «fill in», {then}"
+        proposed = _write_robot_file(write, proposed, overwrite=overwrite)
+        log_and_robot = f"{' '.join(map(str, paths))} --robot {write}"
+        next_step = f"then: icreckon replay {log_and_robot}"
+        if not sizes.gauge and "eta0 = " in proposed:
+            next_step = f"run this again with --overwrite, which computes eta0, {next_step}"
+        if not inspection.mapping.track_keys:
+            next_step = (
+                "and name the track speeds in [log.tracks]: without them nothing can be replayed"
             )
+        if FILL_IN in proposed:
+            text = f"complete the lines marked «fill in», {next_step}"
         else:
-            check = f"icreckon check {' '.join(map(str, paths))} --robot {write}"
-            console.say(f"proposed robot file in {write}; all is filled in: {check}")
+            text = f"all is filled in: icreckon check {log_and_robot}"
+        console.say(f"proposed robot file in {write}; {text}")
     if picture is not None:
-        _draw(picture, found, overwrite=overwrite)
+        _draw(picture, inspection, overwrite=overwrite)
     if ros is not None:
         with console.working("measuring wheels and covariances"):
             settings = proposed_ros_settings(proposed, paths, definitions)
@@ -96,29 +83,45 @@ def command(
         )
 
 
-def _draw(picture: Path, found: Inspection, *, overwrite: bool) -> None:
+def _write_robot_file(path: Path, proposed: str, *, overwrite: bool) -> str:
+    """Write a proposal with what a person filled in before; return its text."""
+    former = path.read_bytes() if path.exists() else b""
+    proposed, taken = with_filled_in(proposed, path)
+    if former and former != proposed.encode():
+        backup = path.with_name(f"{path.name}~")
+        with written_beside(backup, overwrite=True) as old:
+            old.write_bytes(former)
+        console.say(f"the file before is in {backup}")
+    with written_beside(path, overwrite=overwrite, starts=(FIRST_WORDS.encode(),)) as new:
+        new.write_text(proposed, encoding="utf-8")
+    if taken:
+        console.say(f"kept from the file before: {', '.join(taken)}")
+    return proposed
+
+
+def _draw(picture: Path, inspection: Inspection, *, overwrite: bool) -> None:
     """Draw the effective track over the yaw rate, if the log shows it."""
-    if found.track is None or not found.track.bins:
+    if inspection.track is None or not inspection.track.bins:
         raise ReplayError(
-            f"{picture} is not written: {found.path} does not show the effective track over the yaw "
+            f"{picture} is not written: {inspection.path} does not show the effective track over the yaw "
             "rate; that takes a gyro, both tracks, and turns of more than 0.1 rad/s for 4 s"
         )
     from icreckon.report.track_figure import write_track_figure
 
     with written_beside(picture, overwrite=overwrite, starts=(PNG,)) as new:
-        write_track_figure(new, found.path.stem, found.track)
+        write_track_figure(new, inspection.path.stem, inspection.track)
     console.say(f"effective track over the yaw rate in {picture}")
 
 
-def _topics(found: Inspection, *, narrow: bool) -> Table:
-    title = f"{found.path}: {found.duration:.1f} s"
+def _topics(inspection: Inspection, *, narrow: bool) -> Table:
+    title = f"{inspection.path}: {inspection.duration:.1f} s"
     table = Table(title=title, title_justify="left", show_lines=narrow)
     for heading in ("topic, type, frame",) if narrow else NAMES:
         table.add_column(heading, overflow="fold")
     numbers = [place for place in range(len(NUMBERS)) if not narrow or place not in LEFT_OUT]
     for place in numbers:
         table.add_column(NUMBERS[place], justify="right", no_wrap=True)
-    for topic in found.topics:
+    for topic in inspection.topics:
         names = [topic.topic, topic.msgtype, topic.frame_id]
         names = ["\n".join(filter(None, names))] if narrow else names
         cells = _numbers(topic)
@@ -126,19 +129,19 @@ def _topics(found: Inspection, *, narrow: bool) -> Table:
     return table
 
 
-def _show(found: Inspection, *, wide: bool, with_file: bool) -> None:
-    console.print_banner(found.notes)
-    console.print_fitting(partial(_topics, found), wide=wide, wide_from=WIDE_FROM)
+def _show(inspection: Inspection, *, wide: bool, with_file: bool) -> None:
+    console.print_banner(inspection.notes)
+    console.print_fitting(partial(_topics, inspection), wide=wide, wide_from=WIDE_FROM)
     out = console.results()
-    for finding in found.findings:
+    for finding in inspection.findings:
         out.print(Text(f"Found: {finding}"))
-    for what, count in found.dropped.items():
+    for what, count in inspection.dropped.items():
         out.print(Text(f"Would be dropped: {count} x {what}"))
-    for note in (note for note in found.notes if not note.startswith(OF_STAMPS)):
+    for note in (note for note in inspection.notes if not note.startswith(OF_STAMPS)):
         out.print(Text(f"Note: {note}"))
     if with_file:
         out.print(Text("\nProposed robot file (--write FILE saves it):\n"))
-        typer.echo(printable(found.proposed_robot_file))
+        typer.echo(printable(inspection.proposed_robot_file))
 
 
 def _numbers(topic: TopicReport) -> list[str]:
@@ -157,17 +160,17 @@ def _number(value: float | None, digits: int) -> str:
     return "" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
-def _as_plain(found: Inspection) -> dict[str, object]:
-    track = found.track
+def _as_plain(inspection: Inspection) -> dict[str, object]:
+    track = inspection.track
     bins = [] if track is None else [rate_bin._asdict() for rate_bin in track.bins]
     return {
-        "path": str(found.path),
-        "duration_s": found.duration,
-        "topics": [msgspec.to_builtins(topic) for topic in found.topics],
-        "mapping": msgspec.to_builtins(found.mapping),
-        "findings": list(found.findings),
-        "dropped": found.dropped,
-        "notes": list(found.notes),
-        "proposed_robot_file": found.proposed_robot_file,
+        "path": str(inspection.path),
+        "duration_s": inspection.duration,
+        "topics": [msgspec.to_builtins(topic) for topic in inspection.topics],
+        "mapping": msgspec.to_builtins(inspection.mapping),
+        "findings": list(inspection.findings),
+        "dropped": inspection.dropped,
+        "notes": list(inspection.notes),
+        "proposed_robot_file": inspection.proposed_robot_file,
         "track": None if track is None else track._asdict() | {"bins": bins},
     }

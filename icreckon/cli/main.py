@@ -7,6 +7,7 @@ from io import TextIOWrapper
 from typing import Annotated, Any, Literal
 
 import typer
+from typer import Option
 from typer.core import TyperCommand
 from typer.main import get_command_from_info
 from typer.models import CommandInfo
@@ -81,14 +82,11 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def _options(
     _version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Print the version."
-        ),
+        bool, Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
-    _debug: Annotated[bool, typer.Option(DEBUG, help="Show tracebacks of errors.")] = False,
+    _debug: Annotated[bool, Option(DEBUG, help="Show tracebacks of errors.")] = False,
     log_level: Annotated[
-        LogLevel | None, typer.Option(help="Print what is logged to stderr, from this level on.")
+        LogLevel | None, Option(help="Print what is logged to stderr, from this level on.")
     ] = None,
 ) -> None:
     if log_level is not None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Annotated
 
 import msgspec
-import typer
+from typer import Option
 
 from icreckon.cli.common.console import progress, say, worker_count
 from icreckon.estimator.base.errors import EstimatorError
@@ -29,7 +29,7 @@ MOST_WORKERS = 4  # each process takes up to half a gigabyte: unasked, no more t
 
 def command(
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes (default: as cores, 4 at most).")
+        int | None, Option(min=1, help="Processes (default: as cores, 4 at most).")
     ] = None,
 ) -> None:
     """Compile all filters ahead, for an image or before a robot's first drive.
@@ -68,17 +68,15 @@ def command(
 
 def _compile(kind: str, *names: str) -> None:
     """Compile what filters of these variants or a study of this name need."""
-    run_one = _log if kind == "streaming" else _study
-    for name in names:
-        run_one(name)
-
-
-def _log(variant: str) -> None:
     robot = load_robot(ROBOT)
-    run(simulate(Scenario(duration=SECONDS, fix_rate=1.0), robot), robot, variant)
+    for name in names:
+        if kind == "study":
+            _run_study(name)
+        else:
+            run(simulate(Scenario(duration=SECONDS, fix_rate=1.0), robot), robot, name)
 
 
-def _study(name: str) -> None:
+def _run_study(name: str) -> None:
     """Run the first seconds of each cell: the shapes of filters differ between cells."""
     cells = expand(load_study(name)).cells
     robot_remarks(cells[0].robot, cells[0].scenario.truth)

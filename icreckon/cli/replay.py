@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
-import typer
+from typer import Option
 
 from icreckon.cli.common import options
 from icreckon.cli.common.comparing import compare_and_report, compare_and_write, the_robot
@@ -60,9 +60,8 @@ class _Drive:
         # A stream that is missing has a note by the reader.
         checks = [check for check in check_robot(log, self.robot) if check.name != "IMU"]
         notes: list[str] = []
-        if log.truth is not None and any(
-            check.problem and check.name == LATENCY for check in checks
-        ):
+        has_latency = any(check.problem and check.name == LATENCY for check in checks)
+        if log.truth is not None and has_latency:
             with progress("filtering, as the file is and corrected"), suppress(ReplayError):
                 checks, _, notes = judged(log, self.robot, checks)
         notes += [f"{OF_ROBOT_FILE}{check.problem}" for check in checks if check.problem]
@@ -71,11 +70,10 @@ class _Drive:
     def all_options(self) -> dict[str, Any]:
         """Arguments of `compare_and_write`, without log, robot and folder."""
         name = str(self.paths[0]) if len(self.paths) == 1 else [str(path) for path in self.paths]
-        return self.options | {
-            "command": "replay",
-            "configuration": {"log": name, "robot": self.robot_name} | self.configuration,
-            "inputs": {str(path): path for path in [*self.paths, *self.message_files]},
-        }
+        configuration = {"log": name, "robot": self.robot_name} | self.configuration
+        inputs = {str(path): path for path in [*self.paths, *self.message_files]}
+        origin = {"command": "replay", "configuration": configuration, "inputs": inputs}
+        return self.options | {"origin": origin}
 
 
 def command(
@@ -85,12 +83,10 @@ def command(
     robot_names: Annotated[
         list[str] | None, options.robot_option(". Required; repeatable, to compare robot files")
     ] = None,
-    one_log: Annotated[
-        bool, typer.Option("--one-log", help="The files are parts of one log.")
-    ] = False,
+    one_log: Annotated[bool, Option("--one-log", help="The files are parts of one log.")] = False,
     variants: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Filter variants, separated by commas (default: all): gyro, differential, "
             "constant-fixed, constant-online, full-linear, inertia-fixed, inertia-online.",
             autocompletion=options.VARIANT_NAMES,
@@ -98,7 +94,7 @@ def command(
     ] = None,
     fixes: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Part of the log in which fixes are used, as 0:40% or 0:100 (seconds); taken from the "
             "ground truth if the log has no fixes. Default: all fixes of the log."
         ),
@@ -107,7 +103,7 @@ def command(
     _unpacked_limit: options.UnpackedLimit = 0.5,
     smooth: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--smooth",
             help="Smooth each run, too: every pose from all measurements, also later ones; "
             "as variants NAME-smoothed.",
@@ -131,7 +127,8 @@ def command(
     wanted: list[str | None] = [*robot_names] or [None]
     robots = dict(the_robot(name, files_of[0]) for name in wanted)
     refuse_twice(robot_names, "robot file")
-    if any(are_parts(paths, topic_map(robot).columns) for robot in robots.values() if robot.log):
+    maps = [topic_map(robot) for robot in robots.values() if robot.log]
+    if any(are_parts(paths, mapping.columns) for mapping in maps):
         say(f"read as one log, of which each file has a part: {', '.join(map(str, paths))}")
         files_of = [paths]
     names = None if variants is None else [name.strip() for name in variants.split(",")]
@@ -187,14 +184,18 @@ def _many(
     """Run each log with each robot file, and write the results of all."""
     scored: list[many.CaseScores] = []
     failed: list[dict[str, Any]] = []
-    places = {case: _place(case, drives) for case in drives}
+    # Subfolder of a case: log, robot or log/robot, whichever of them vary.
+    several_logs = len({case.log for case in drives}) > 1
+    several_robots = len({case.robot for case in drives}) > 1
+    places = {
+        case: "/".join([case.log] * several_logs + [case.robot] * several_robots) for case in drives
+    }
     for case, drive in drives.items():
         target = folder / places[case]
         target.mkdir(parents=True)
         try:
-            _, scores = compare_and_write(
-                drive.log(), drive.robot, target, case=case, **drive.all_options()
-            )
+            options = drive.all_options()
+            _, scores = compare_and_write(drive.log(), drive.robot, target, case=case, **options)
         except Exception as problem:
             if Stop.number:
                 raise
@@ -209,16 +210,9 @@ def _many(
         "logs": {case.log: list(map(str, drive.paths)) for case, drive in drives.items()},
         "robots": {case.robot: drive.robot_name for case, drive in drives.items()},
     }
-    summary = many.summarise_many(
-        scored, failed, command="replay", configuration=of_all | configuration
-    )
+    configuration = of_all | configuration
+    summary = many.summarise_many(scored, failed, command="replay", configuration=configuration)
     for entry in summary["logs"]:
         entry["folder"] = places[many.Case(entry["label"], entry["robot"])]
     write_many(folder, summary)
     return summary
-
-
-def _place(case: many.Case, drives: Mapping[many.Case, _Drive]) -> str:
-    """Subfolder of a case: log, robot or log/robot, whichever of them vary."""
-    several = (len({getattr(case, kind) for case in drives}) > 1 for kind in many.Case._fields)
-    return "/".join(part for part, needed in zip(case, several, strict=True) if needed)

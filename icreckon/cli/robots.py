@@ -21,9 +21,8 @@ def command() -> None:
         vehicle = robot.vehicle
         topics = [robot.log.get(stream, {}).get("topic", "") for stream in ("tracks", "imu")]
         numbers = (vehicle.mass, vehicle.track_gauge, vehicle.sprocket_radius)
-        table.add_row(
-            name, *(f"{number:.4g}" for number in numbers), "\n".join(filter(None, topics))
-        )
+        cells = [f"{number:.4g}" for number in numbers]
+        table.add_row(name, *cells, "\n".join(filter(None, topics)))
     console = results()
     console.print(table)
     console.print(f"Files: {ROBOTS_FOLDER}", soft_wrap=True)

@@ -3,6 +3,7 @@
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from icreckon.cli.common.options import VARIANT_NAMES, robot_option
 from icreckon.ros2.node import run_node
@@ -15,9 +16,7 @@ def command(
     robot: Annotated[str | None, robot_option(" whose [log] names the topics")] = None,
     variant: Annotated[
         str | None,
-        typer.Option(
-            help="Filter variant (default: inertia-online).", autocompletion=VARIANT_NAMES
-        ),
+        Option(help="Filter variant (default: inertia-online).", autocompletion=VARIANT_NAMES),
     ] = None,
 ) -> None:
     """Run as a ROS 2 node: odometry, tf and diagnostics, live.

@@ -5,7 +5,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, cast
 
-import typer
+from typer import Option
 
 from icreckon.cli.common.console import say
 from icreckon.cli.common.options import Overwrite, robot_option
@@ -26,80 +26,76 @@ FIXES_SHARE = 0.4
 
 
 def command(
-    out: Annotated[Path, typer.Option(help="The bag: a folder, or a file for ros1.")],
+    out: Annotated[Path, Option(help="The bag: a folder, or a file for ros1.")],
     robot: Annotated[str, robot_option()] = "auriga-alpha",
     scenario_file: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--scenario",
             help="TOML file of the run (docs/reference/scenario-file.md); the other options change it.",
         ),
     ] = None,
     trajectory: Annotated[
-        str | None, typer.Option(help=f"{', '.join(TRAJECTORIES)}, or recorded (default: random).")
+        str | None, Option(help=f"{', '.join(TRAJECTORIES)}, or recorded (default: random).")
     ] = None,
     trajectory_file: Annotated[
         str | None,
-        typer.Option(
-            help="CSV file with columns t, left, right (s, m/s) of the recorded trajectory."
-        ),
+        Option(help="CSV file with columns t, left, right (s, m/s) of the recorded trajectory."),
     ] = None,
     duration: Annotated[
-        float | None, typer.Option(help="Length of the run in seconds (default: 300).")
+        float | None, Option(help="Length of the run in seconds (default: 300).")
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of all random numbers (default: 0).")
+        int | None, Option(min=0, help="Seed of all random numbers (default: 0).")
     ] = None,
     noise: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="perfect, nominal (the robot file's, the default), or an IMU grade: consumer, "
             "industrial, tactical."
         ),
     ] = None,
     settings: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--set",
             help="Any key of a scenario file, as gyro.noise_density=0.001 or "
             "trajectory_options.speed=0.4; repeatable. Wins over the other options.",
         ),
     ] = None,
     truth: Annotated[
-        str | None, typer.Option(help="Model of the truth: friction (the default) or kinematic.")
+        str | None, Option(help="Model of the truth: friction (the default) or kinematic.")
     ] = None,
     truth_spread: Annotated[
         float | None,
-        typer.Option(
+        Option(
             help="Relative spread of the true parameters about the robot file's (default: 0.15)."
         ),
     ] = None,
-    imu_rate: Annotated[
-        float | None, typer.Option(help="IMU samples per second (default: 100).")
-    ] = None,
+    imu_rate: Annotated[float | None, Option(help="IMU samples per second (default: 100).")] = None,
     track_rate: Annotated[
-        float | None, typer.Option(help="Track-speed samples per second (default: 50).")
+        float | None, Option(help="Track-speed samples per second (default: 50).")
     ] = None,
     fix_rate: Annotated[
-        float | None, typer.Option(help="Position fixes per second; 0 for none (default: 1).")
+        float | None, Option(help="Position fixes per second; 0 for none (default: 1).")
     ] = None,
     fix_sigma: Annotated[
-        float | None, typer.Option(help="Their standard deviation in metres (default: 0.05).")
+        float | None, Option(help="Their standard deviation in metres (default: 0.05).")
     ] = None,
     fix_heading_sigma: Annotated[
         float | None,
-        typer.Option(help="Standard deviation of their yaw in radians (default: no heading)."),
+        Option(help="Standard deviation of their yaw in radians (default: no heading)."),
     ] = None,
     outages: Annotated[
         list[str] | None,
-        typer.Option("--outage", help="Time without fixes, as 100:300 seconds; repeatable."),
+        Option("--outage", help="Time without fixes, as 100:300 seconds; repeatable."),
     ] = None,
     bag_format: Annotated[
-        str, typer.Option("--format", help="mcap, sqlite3 (both ROS 2) or ros1.")
+        str, Option("--format", help="mcap, sqlite3 (both ROS 2) or ros1.")
     ] = "mcap",
     include_truth: Annotated[
         bool | None,
-        typer.Option(
+        Option(
             "--with-truth/--without-truth", help="Whether the bag holds the truth (default: yes)."
         ),
     ] = None,
@@ -107,9 +103,8 @@ def command(
 ) -> None:
     """Simulate a run and write it as a bag of standard messages."""
     if bag_format not in FORMATS:
-        raise SimulationError(
-            f"no bag format {bag_format!r}{nearest_hint(bag_format, list(FORMATS))}"
-        )
+        hint = nearest_hint(bag_format, list(FORMATS))
+        raise SimulationError(f"no bag format {bag_format!r}{hint}")
     kind = cast("Format", bag_format)
     loaded = load_robot(robot)
     check_place(out, kind, loaded, overwrite=overwrite)
@@ -129,16 +124,7 @@ def command(
     changes["fixes"] = _given(sigma=fix_sigma, heading_sigma=fix_heading_sigma)
     if outages:
         changes["outages"] = [_outage(text) for text in outages]
-    scenario = Scenario() if scenario_file is None else load_scenario(scenario_file)
-    source = "command line" if scenario_file is None else f"command line over {scenario_file}"
-    of_terrain: dict[str, Any] = {}
-    for change in [changes, *(_setting(text) for text in settings or [])]:
-        lost = lost_options(scenario, change)
-        scenario = change_scenario(scenario, change, source)
-        if lost:
-            say(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
-        of_terrain |= change.get("terrain", {})
-    refuse_idle_keys([scenario.terrain], of_terrain, source)
+    scenario = _changed_scenario(scenario_file, [changes, *map(_setting, settings or [])])
     for text in robot_remarks(loaded, scenario.truth):
         say(text)
     log = simulate(scenario, loaded)
@@ -151,6 +137,21 @@ def command(
         f"{log.duration:.0f} s of {loaded.name} in {path}; next: "
         f"icreckon replay {shlex.quote(str(path))} --robot {shlex.quote(robot)}{part}"
     )
+
+
+def _changed_scenario(file: Path | None, changes: list[dict[str, Any]]) -> Scenario:
+    """Scenario of a file, or the default one, changed by the command line in turn."""
+    scenario = Scenario() if file is None else load_scenario(file)
+    source = "command line" if file is None else f"command line over {file}"
+    terrain_keys: set[str] = set()
+    for change in changes:
+        lost = lost_options(scenario, change)
+        scenario = change_scenario(scenario, change, source)
+        if lost:
+            say(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
+        terrain_keys |= set(change.get("terrain", {}))
+    refuse_idle_keys([scenario.terrain], terrain_keys, source)
+    return scenario
 
 
 def _given(**options: Any) -> dict[str, Any]:

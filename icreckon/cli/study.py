@@ -4,14 +4,14 @@ import shlex
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
-import typer
 from rich.console import Group
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 from rich.text import Text
+from typer import Argument, Option
 
 from icreckon.cli.common.console import BAR, exit_if_failed, messages, results, say, show
 from icreckon.cli.common.options import Json, Wide, completed_by
@@ -34,40 +34,38 @@ LINE_EVERY = 30.0  # interval of the lines of progress if there is no terminal f
 def command(
     study: Annotated[
         str | None,
-        typer.Argument(
+        Argument(
             help="Name of a study that ships with icreckon, or a TOML file.",
             autocompletion=completed_by(study_names),
         ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help="Folder for blocks and results (default: icreckon-study/ and the study's name). A study "
             "begun there is continued."
         ),
     ] = None,
     runs: Annotated[
-        int | None, typer.Option(min=1, help="Runs of each cell (default: the study's).")
+        int | None, Option(min=1, help="Runs of each cell (default: the study's).")
     ] = None,
     workers: Annotated[
-        int | None,
-        typer.Option(min=1, help="Threads or processes here (default: one for each core)."),
+        int | None, Option(min=1, help="Threads or processes here (default: one for each core).")
     ] = None,
     engine: Annotated[
-        str | None,
-        typer.Option(help="Engine of the runs: auto, or one of docs/reference/study-file.md."),
+        str | None, Option(help="Engine of the runs: auto, or one of docs/reference/study-file.md.")
     ] = None,
     cluster: Annotated[
         str | None,
-        typer.Option(help="Address of a dask.distributed scheduler to run on, as tcp://host:8786."),
+        Option(help="Address of a dask.distributed scheduler to run on, as tcp://host:8786."),
     ] = None,
     as_json: Json = False,
     wide: Wide = False,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace another study that is at --out.")
+        bool, Option("--overwrite", help="Replace another study that is at --out.")
     ] = False,
     list_studies: Annotated[
-        bool, typer.Option("--list", help="List the studies that ship with icreckon.")
+        bool, Option("--list", help="List the studies that ship with icreckon.")
     ] = False,
 ) -> None:
     """Simulate many runs over a sweep of parameters, and summarise them.
@@ -89,7 +87,7 @@ def command(
     warn_unless_kept()
     try:
         with reporter.bar:
-            found = run_study(
+            study_results = run_study(
                 loaded,
                 folder,
                 engine=engine,
@@ -100,14 +98,17 @@ def command(
                 remark=reporter.remark,
             )
     except KeyboardInterrupt:
-        Stop.advice = _advice(folder, reporter)
+        done = reporter.done
+        blocks = "0" if done is None else f"{done.blocks} of {done.all_blocks}"
+        again = shlex.join(["icreckon", *sys.argv[1:]])
+        Stop.advice = f"{blocks} blocks are in {folder}/. Go on with the same command: {again}"
         raise
-    table = partial(_summary, found)
+    table = partial(_summary, study_results)
     show(folder / RESULTS, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
     say(f"results in {folder}/, the page to read and to send is {folder / PAGE}")
-    for line in same_results(found):
+    for line in same_results(study_results):
         say(line, "yellow")
-    exit_if_failed(failures(found))
+    exit_if_failed(failures(study_results))
 
 
 class _Reporter:
@@ -116,14 +117,8 @@ class _Reporter:
     def __init__(self, name: str) -> None:
         self.done: Done | None = None
         self._shown_at = 0.0
-        self.bar = Progress(
-            SpinnerColumn(),
-            TextColumn(name),
-            BarColumn(BAR),
-            TextColumn("{task.fields[text]}"),
-            console=messages(),
-            transient=True,
-        )
+        shown = TextColumn(name), BarColumn(BAR), TextColumn("{task.fields[text]}")
+        self.bar = Progress(SpinnerColumn(), *shown, console=messages(), transient=True)
         self._task = self.bar.add_task(name, total=1.0, text="first block (compiles once)")
 
     def remark(self, words: str) -> None:
@@ -155,31 +150,18 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
 
 
-def _advice(folder: Path, reporter: _Reporter) -> str:
-    """Text on how to continue an interrupted study."""
-    done = reporter.done
-    blocks = "0" if done is None else f"{done.blocks} of {done.all_blocks}"
-    return (
-        f"{blocks} blocks are in {folder}/. Go on with the same command: "
-        f"{shlex.join(['icreckon', *sys.argv[1:]])}"
-    )
-
-
-def _summary(found: Results, *, narrow: bool) -> Group:
-    parts: list[Table | Text] = [Text(headline(found), style="bold")]
-    for summary in summary_tables(found, narrow=narrow):
-        table = Table(title=f"{found['name']}: {summary.title}", title_justify="left")
+def _summary(study_results: Results, *, narrow: bool) -> Group:
+    parts: list[Table | Text] = [Text(headline(study_results), style="bold")]
+    for summary in summary_tables(study_results, narrow=narrow):
+        table = Table(title=f"{study_results['name']}: {summary.title}", title_justify="left")
         for number, heading in enumerate(summary.head):
-            table.add_column(
-                Text(heading),
-                justify="left" if number < summary.texts else "right",
-                no_wrap=number == summary.texts - 1,
-                overflow="fold",
-            )
+            is_last_text = number == summary.texts - 1
+            side: Any = "left" if number < summary.texts else "right"
+            table.add_column(Text(heading), justify=side, no_wrap=is_last_text, overflow="fold")
         for row in summary.rows:
             table.add_row(*(Text(cell) for cell in row))
         parts.append(table)
-    return Group(*parts, *(Text(line) for line in notes(found, narrow=narrow)))
+    return Group(*parts, *(Text(line) for line in notes(study_results, narrow=narrow)))
 
 
 def _list_of_studies() -> Table:

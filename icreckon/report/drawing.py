@@ -9,8 +9,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-# Size of a picture of a page [in], legible also at the width of a telephone.
-SIZE = (6.4, 4.2)
+SIZE = (6.4, 4.2)  # size of a picture of a page [in], legible also on a telephone
 DOTS_PER_INCH = 150
 
 

@@ -39,10 +39,7 @@ def rich_table(page_table: Table, *, narrow: bool = False) -> RichTable:
 
 
 def _with_letter(text: str, letters: dict[str, str]) -> str:
-    """Replace all but the first words by a letter, added to `letters` by its text.
-
-    A text stays whole if all letters are used.
-    """
+    """Replace all but the first words by a letter of `letters`, while there are any."""
     first_words, *rests = _SEPARATOR.split(text, maxsplit=1)
     if not rests:
         return text

@@ -82,11 +82,9 @@ class Bag(Protocol):
 def over_bag(path: Path, work: Callable[[Bag], T]) -> T:
     """Run a function over a bag, or over its recoverable part if the index is broken.
 
-    Args:
-        path: a ROS 1 bag, a ROS 2 folder, or a bare `.mcap` or `.db3` file; also compressed as a whole
-            (`.mcap.zstd`, `.db3.zstd`).
-        work: function of the bag; it may be called again from the start, with the bag opened by
-            another method.
+    The bag is a ROS 1 bag, a ROS 2 folder, or a bare `.mcap` or `.db3` file; also compressed as a whole
+    (`.mcap.zstd`, `.db3.zstd`). `work` may be called again from the start, with the bag opened by another
+    method.
 
     Raises:
         ReplayError: no such file, no bag, nothing of it is readable, or it unpacks to more than the

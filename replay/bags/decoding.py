@@ -17,9 +17,8 @@ from icreckon.replay.base.errors import ReplayError
 NANOSECONDS = 1_000_000_000
 Definitions = tuple[tuple[str, str], ...]
 """Definitions of message types that a bag may lack: (name, as `our_msgs/msg/Rate`, definition)."""
-IDL_RULE = (
-    "=" * 80 + "\n"
-)  # line before each type in the definition of an IDL type that contains others
+# Line before each type in the definition of an IDL type that contains others.
+IDL_RULE = "=" * 80 + "\n"
 LONGEST_REASON = 200  # most characters of an error of rosbags, which may hold a whole definition
 
 
@@ -64,20 +63,15 @@ def _undefined_type(store: Typestore, msgtype: str) -> str | None:
             return name
         if name not in seen:
             seen.add(name)
-            _, fields = store.fielddefs[name]
-            waiting += reversed(_field_types(fields))  # a stack: the first field is searched first
+            fields: Any = store.fielddefs[name][1]
+            types = []
+            for _, (node, inner) in fields:
+                if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+                    (node, inner), _length = inner
+                if node == Nodetype.NAME:
+                    types.append(str(inner))
+            waiting += reversed(types)  # a stack: the first field is searched first
     return None
-
-
-def _field_types(fields: Any) -> list[str]:
-    """Names of the message types of some fields of rosbags, (name, (node, type)) each."""
-    types = []
-    for _, (node, inner) in fields:
-        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            (node, inner), _length = inner
-        if node == Nodetype.NAME:
-            types.append(str(inner))
-    return types
 
 
 def header_reader(channel: Channel) -> Callable[[bytes], tuple[int, str]] | None:
@@ -142,10 +136,7 @@ def _parse_definition(msgtype: str, definition: MessageDefinition) -> dict[str, 
 
 
 def read_definitions(files: Sequence[Path]) -> Definitions:
-    """Message definitions from `.msg` files.
-
-    Args:
-        files: each in the folder of its package, as `our_msgs/msg/Rate.msg` or `our_msgs/Rate.msg`.
+    """Read message definitions, from `our_msgs/msg/Rate.msg` or `our_msgs/Rate.msg`.
 
     Raises:
         ReplayError: no such file, or not a definition.

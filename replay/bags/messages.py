@@ -92,9 +92,8 @@ class Messages:
 
     def twist_with_covariance(self, twist: Any, covariance: Floats) -> Any:
         """Make a geometry_msgs/TwistWithCovariance; the covariance is row-major (36,)."""
-        return self.new(
-            "geometry_msgs/msg/TwistWithCovariance", twist=self.twist(twist), covariance=covariance
-        )
+        msgtype = "geometry_msgs/msg/TwistWithCovariance"
+        return self.new(msgtype, twist=self.twist(twist), covariance=covariance)
 
     def blank(self, msgtype: str, **fields: Any) -> Any:
         """Make a message from some fields; the others are zero or empty."""

@@ -62,12 +62,11 @@ def are_few(count: int, rows: int) -> bool:
 
 
 def read_table(path: Path) -> Read:
-    """Read a table file.
+    """Read a table file: Parquet by its first bytes, a trajectory, otherwise CSV.
 
-    Args:
-        path: the file; Parquet by its first bytes, otherwise CSV with a line of names, its delimiter
-            a comma, a semicolon or a tab; with the latter two, numbers may have decimal commas. A
-            trajectory (time x y z qx qy qz qw in each line, as of TUM and evo) is a table of a truth.
+    CSV has a line of names; its delimiter is a comma, a semicolon or a tab; with the latter two,
+    numbers may have decimal commas. A trajectory (time x y z qx qy qz qw in each line, as of TUM and
+    evo) is a table of a truth.
 
     Raises:
         ReplayError: it has more than `MOST_COLUMNS` columns, unpacks to more than the limit, or many rows
@@ -209,13 +208,17 @@ def _decimal_point(rows: list[str], delimiter: str) -> str:
 def _read_parquet(path: Path) -> Read:
     """Read columns of numbers, times and texts, within the limit of the size."""
     from pyarrow import parquet
+    from pyarrow.types import is_null, is_primitive
 
     with parquet.ParquetFile(path) as file:
         groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
         schema = file.schema_arrow
     _check_columns(len(schema.names))
     texts = [field.name for field in schema if str(field.type).removeprefix("large_") in TEXTS]
-    read = [field.name for field in schema if _has_fixed_size(field.type) or field.name in texts]
+    # Besides, numbers and times, whose cells have one size, and empty columns.
+    kinds = {field.name: field.type for field in schema}
+    is_sized = {name: is_primitive(kind) or is_null(kind) for name, kind in kinds.items()}
+    read = [field.name for field in schema if is_sized[field.name] or field.name in texts]
     # The stated size may be too small: a column of equal numbers takes hardly any bytes in a file.
     cells = sum(group.num_rows for group in groups) * len(read)
     size = max(sum(group.total_byte_size for group in groups), cells * CELL_BYTES)
@@ -231,10 +234,3 @@ def _check_columns(count: int) -> None:
     """Raise a ReplayError for more than `MOST_COLUMNS` columns."""
     if count > MOST_COLUMNS:
         raise ReplayError(f"it has {count} columns, and at most {MOST_COLUMNS} are read")
-
-
-def _has_fixed_size(arrow_type: Any) -> bool:
-    """Test for numbers and times, whose cells have one size, or empty columns."""
-    from pyarrow import types
-
-    return bool(types.is_primitive(arrow_type) or types.is_null(arrow_type))

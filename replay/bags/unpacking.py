@@ -41,9 +41,6 @@ _limit: ContextVar[int] = ContextVar("_limit", default=500_000_000)
 def unpacked_limit(gigabytes: float) -> Iterator[None]:
     """Set the limit of unpacked sizes in gigabytes (1e9 bytes), 0.5 otherwise.
 
-    It holds for a chunk or a message of a bag, for the files of a bag that are compressed as a whole,
-    and for a table.
-
     Raises:
         ReplayError: the limit is negative, larger than 1e6, or no finite number.
     """

@@ -3,7 +3,6 @@
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from heapq import merge
 from operator import itemgetter
 from pathlib import Path
@@ -55,28 +54,25 @@ class Outbox(NamedTuple):
 def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bool = False) -> Path:
     """Write a bag; return its path.
 
-    Args:
-        path: target; a ROS 2 folder, or with the suffix `.mcap` or `.db3` the bare file. A ROS 1
-            bag gets the suffix `.bag` if it is missing.
-        kind: "mcap" or "sqlite3" (ROS 2), or "ros1".
-        outboxes: messages of each topic.
-        overwrite: whether an existing bag may be replaced.
+    The path is that of a ROS 2 folder, or with the suffix `.mcap` or `.db3` of the bare file. A ROS 1 bag
+    gets the suffix `.bag` if it is missing.
 
     Raises:
         ReplayError: stamps that ROS cannot hold, the path exists, or the file system refuses.
     """
     for outbox in outboxes:
-        _check_stamps(outbox)
+        invalid = outbox.stamps[(outbox.stamps < 0) | (outbox.stamps >= LARGEST_STAMP)]
+        if len(invalid):
+            raise ReplayError(
+                f"topic {outbox.topic!r}: the stamp {invalid[0]} ns cannot be written; stamps in bags "
+                f"are from 0 to {LARGEST_STAMP - 1} ns"
+            )
     path = bag_path(path, kind)
-    if kind == "ros1":
-        open_writer = _ros1_writer
-    else:
-        is_bare = path.suffix == SUFFIXES[kind]
-        open_writer = partial(_ros2_writer, plugin=PLUGINS[kind], is_bare=is_bare)
+    is_bare = path.suffix == SUFFIXES.get(kind)
     try:
         with (
             written_beside(path, overwrite=overwrite, mark=MARK.encode()) as new,
-            open_writer(new) as (writer, messages),
+            _open_writer(new, kind, is_bare=is_bare) as (writer, messages),
         ):
             _write_messages(outboxes, writer, messages)
     except (OSError, sqlite3.Error, rosbag1.WriterError, rosbag2.WriterError) as problem:
@@ -116,36 +112,21 @@ def _write_messages(outboxes: list[Outbox], writer: Any, messages: Messages) -> 
 
 
 @contextmanager
-def _ros1_writer(path: Path) -> Iterator[tuple[Any, Messages]]:
-    """Open a ROS 1 bag for writing, with a factory of its messages."""
-    # Uncompressed: ROS 1 itself cannot read the lz4 of rosbags ("malformed data"), and bz2 is slow.
-    with rosbag1.Writer(path) as writer:
-        yield writer, Messages(ros1=True)
-
-
-@contextmanager
-def _ros2_writer(
-    path: Path, plugin: StoragePlugin, is_bare: bool
-) -> Iterator[tuple[Any, Messages]]:
-    """Open a ROS 2 bag for writing, with a factory of its messages."""
-    # It is a folder; if it is bare, its storage file alone is moved to the path at the end.
+def _open_writer(path: Path, kind: Format, *, is_bare: bool) -> Iterator[tuple[Any, Messages]]:
+    """Open a bag for writing, with a factory of its messages."""
+    if kind == "ros1":
+        # Uncompressed: ROS 1 itself cannot read the lz4 of rosbags ("malformed data"), and bz2 is slow.
+        with rosbag1.Writer(path) as ros1_writer:
+            yield ros1_writer, Messages(ros1=True)
+        return
+    # A folder; if it is bare, its storage file alone is moved to the path at the end.
     folder = path.with_suffix("") if is_bare else path
-    writer = rosbag2.Writer(folder, version=9, storage_plugin=plugin)
+    writer = rosbag2.Writer(folder, version=9, storage_plugin=PLUGINS[kind])
     writer.set_custom_data(MARK, "true")
-    if plugin is StoragePlugin.MCAP:
+    if kind == "mcap":
         # Covariances are mostly zeros: this makes odometry five times smaller.
         writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
     with writer:
         yield writer, Messages(ros1=False)
     if is_bare:
         (folder / path.name).rename(path)
-
-
-def _check_stamps(outbox: Outbox) -> None:
-    """Raise a ReplayError for negative stamps, or from `LARGEST_STAMP` on."""
-    invalid = outbox.stamps[(outbox.stamps < 0) | (outbox.stamps >= LARGEST_STAMP)]
-    if len(invalid):
-        raise ReplayError(
-            f"topic {outbox.topic!r}: the stamp {invalid[0]} ns cannot be written; stamps in bags are "
-            f"from 0 to {LARGEST_STAMP - 1} ns"
-        )

@@ -10,7 +10,6 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.failed_sensors import imu_span
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import LEAST_UPRIGHT, Robot
 from icreckon.replay.checking.check import (
     FORWARD,
@@ -42,49 +41,35 @@ FEWEST_STILL = 20  # fewest pairs of neighbouring samples at standstill that sho
 
 def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
     """Report too few track speeds, absurd rates, and an IMU that is missing or stops."""
-    if len(log.tracks.stamps) < FEWEST:
-        yield Check(
-            "track speeds",
-            "a log",
-            f"{len(log.tracks.stamps)} samples",
-            f"the log has {len(log.tracks.stamps)} track speeds: too few to check anything",
-            "a log of half a minute or more, with bends"
-            if len(log.tracks.stamps)
-            else "the topic in [log.tracks]; icreckon inspect lists those of the log",
-        )
+    count = len(log.tracks.stamps)
+    if count < FEWEST:
+        problem = f"the log has {count} track speeds: too few to check anything"
+        remedy = "the topic in [log.tracks]; icreckon inspect lists those of the log"
+        if count:
+            remedy = "a log of half a minute or more, with bends"
+        yield Check("track speeds", "a log", f"{count} samples", problem, remedy)
     elif log.imu is not None and len(log.imu.stamps) >= FEWEST:
         span = imu_span(log)
         if span is not None:
             first, last, text = span
-            yield Check(
-                "IMU's span",
-                "whole log",
-                text,
-                f"the IMU has {text}",
-                "look at its driver and cable, or cut the log",
-                lambda log, robot: (log.between(first, last), robot),
+            problem, remedy = f"the IMU has {text}", "look at its driver and cable, or cut the log"
+            yield Check("IMU's span", "whole log", text).contradicted(
+                problem, remedy, lambda log, robot: (log.between(first, last), robot)
             )
     source = robot.log.get("imu", {}).get("topic")
     if source is None and "imu" in robot.log.get("columns", {}):
         source = "its columns"
     largest = 0.0 if log.imu is None else float(np.abs(log.imu.angular_velocity).max())
     if largest > imu_mounting.ABSURD:
-        yield Check(
-            "gyro",
-            "rad/s",
-            f"up to {largest:.3g} rad/s",
+        yield Check("gyro", "rad/s", f"up to {largest:.3g} rad/s").contradicted(
             f"the gyro reads {largest:.3g} rad/s",
             'rate_unit in [log.imu] ("deg/s", "mdps"), or its driver',
             lambda log, robot: (replace(log, imu=None), robot),
         )
     if log.imu is None and source is not None:
-        yield Check(
-            "IMU",
-            str(source),
-            "no sample",
-            f"the log has no IMU sample on {source}: the heading is that of the tracks alone",
-            "the right topic in [log.imu]; icreckon inspect lists those of the log",
-        )
+        problem = f"the log has no IMU sample on {source}: the heading is that of the tracks alone"
+        remedy = "the right topic in [log.imu]; icreckon inspect lists those of the log"
+        yield Check("IMU", str(source), "no sample", problem, remedy)
 
 
 def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
@@ -101,8 +86,7 @@ def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
 
     def scaled(log: Log, robot: Robot) -> tuple[Log, Robot]:
         assert log.imu is not None  # noqa: S101 - checked above
-        assert log.imu.linear_acceleration is not None  # noqa: S101 - checked above
-        force = log.imu.linear_acceleration * (GRAVITY / size)
+        force = np.asarray(log.imu.linear_acceleration) * (GRAVITY / size)
         return replace(log, imu=replace(log.imu, linear_acceleration=force)), robot
 
     unit = "mg" if size > LEAST_MG else "g"
@@ -135,14 +119,20 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
     in_file = angles_text(robot.imu.rotation_rpy_deg)
     in_log = f"{tilt:.1f} deg off the file, by gravity"
     check = Check(MOUNTING, in_file, in_log, measured=Measured(tilt, "deg", 0.0))
-    if tilt <= LEAST_TILT + _tilt_by_turning(log.tracks, log.imu, rate, robot):
+    # The mean force also holds the centripetal force, of the IMU's lever arm and of driving bends.
+    forward, left, _ = robot.imu.position
+    centripetal = float(np.mean(rate**2)) * (math.hypot(forward, left) + LEVER)
+    if imu_mounting.are_usable(log.tracks):
+        speed = np.interp(log.imu.stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
+        centripetal += abs(float(np.mean(speed * rate)))
+    if tilt <= LEAST_TILT + math.degrees(math.atan(centripetal / GRAVITY)):
         yield check
         return
     mounting = imu_mounting.estimate_mounting(log) if tilt > ANOTHER_MOUNTING else None
-    if mounting is None:
-        angles = rounded_angles(_turn_upright(up) @ robot.imu_rotation)
-    else:
-        angles = rounded_angles(rpy_to_matrix(*np.radians(mounting.rotation_rpy_deg)))
+    rotation = _turn_upright(up) @ robot.imu_rotation
+    if mounting is not None:
+        rotation = rpy_to_matrix(*np.radians(mounting.rotation_rpy_deg))
+    angles = rounded_angles(rotation)
     roll, pitch, _ = np.radians(angles)
     is_upright = abs(np.cos(roll) * np.cos(pitch)) >= LEAST_UPRIGHT
     can_correct = robot.imu.gyro_axes == "xyz" or is_upright
@@ -153,17 +143,6 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
         with_imu(rotation_rpy_deg=angles) if can_correct else None,
         {"imu.rotation_rpy_deg": list(angles)},
     )
-
-
-def _tilt_by_turning(tracks: TrackSpeedSeries, imu: ImuSeries, rate: Floats, robot: Robot) -> float:
-    """Largest apparent tilt by the mean centripetal force of turning [deg]."""
-    # `rate` (n,) is the yaw rate [rad/s]. The force is that of the IMU's lever arm and of driving bends.
-    forward, left, _ = robot.imu.position
-    force = float(np.mean(rate**2)) * (math.hypot(forward, left) + LEVER)
-    if imu_mounting.are_usable(tracks):
-        speed = np.interp(imu.stamps, tracks.stamps, tracks.speeds.mean(axis=1))
-        force += abs(float(np.mean(speed * rate)))
-    return math.degrees(math.atan(force / GRAVITY))
 
 
 def _turn_upright(up: Floats) -> Floats:
@@ -191,18 +170,17 @@ def check_forward(log: Log, robot: Robot) -> Iterator[Check]:
     in_log = f"{yaw:+.0f} deg about the vertical" if yaw else "as the tracks accelerate"
     in_file, measured = angles_text(robot.imu.rotation_rpy_deg), Measured(yaw, "deg", 0.0)
     check = Check(FORWARD, in_file, in_log, measured=measured)
-    if yaw == 0.0:
-        yield check
-        return
-    about_z = rpy_to_matrix(0.0, 0.0, math.radians(yaw))
-    angles = rounded_angles(about_z @ robot.imu_rotation)
-    yield check.contradicted(
-        f"the IMU is mounted {yaw:+.0f} deg about the vertical from what the file says, by its "
-        "accelerations",
-        f"rotation_rpy_deg = {list(angles)} in [imu]",
-        with_imu(rotation_rpy_deg=angles),
-        {"imu.rotation_rpy_deg": list(angles)},
-    )
+    if yaw != 0.0:
+        about_z = rpy_to_matrix(0.0, 0.0, math.radians(yaw))
+        angles = rounded_angles(about_z @ robot.imu_rotation)
+        check = check.contradicted(
+            f"the IMU is mounted {yaw:+.0f} deg about the vertical from what the file says, by its "
+            "accelerations",
+            f"rotation_rpy_deg = {list(angles)} in [imu]",
+            with_imu(rotation_rpy_deg=angles),
+            {"imu.rotation_rpy_deg": list(angles)},
+        )
+    yield check
 
 
 def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
@@ -223,15 +201,14 @@ def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
         sigma = min(sigma, STANDING_BIAS_SIGMA)
     measured = Measured(bias.value, "rad/s", stated, bias.sigma)
     check = Check("gyro bias", in_file, in_log, measured=measured)
-    if not bias.differs(stated, sigma):
-        yield check
-        return
-    yield check.contradicted(
-        f"the gyro has a bias of {in_log}, the file has {in_file}",
-        f"gyro_bias = {bias.value:.5f} in [imu], or a larger gyro_bias_sigma",
-        with_imu(gyro_bias=min(1.0, max(-1.0, bias.value))),
-        {"imu.gyro_bias": round(bias.value, 5)},
-    )
+    if bias.differs(stated, sigma):
+        check = check.contradicted(
+            f"the gyro has a bias of {in_log}, the file has {in_file}",
+            f"gyro_bias = {bias.value:.5f} in [imu], or a larger gyro_bias_sigma",
+            with_imu(gyro_bias=min(1.0, max(-1.0, bias.value))),
+            {"imu.gyro_bias": round(bias.value, 5)},
+        )
+    yield check
 
 
 def check_noise(log: Log, robot: Robot) -> Iterator[Check]:
@@ -247,12 +224,11 @@ def check_noise(log: Log, robot: Robot) -> Iterator[Check]:
     noise, stated = imu_mounting.density(vertical, is_still, step), robot.imu.gyro_noise_density
     in_file, in_log = f"{stated:.2g} rad/s/√Hz", f"{noise:.2g} rad/s/√Hz at standstill"
     check = Check("gyro noise", in_file, in_log, measured=Measured(noise, "rad/s/√Hz", stated))
-    if noise <= OTHER_NOISE * stated:
-        yield check
-        return
-    yield check.contradicted(
-        f"at standstill the gyro shakes {noise / stated:.0f} times as much as the file says",
-        f"gyro_noise_density = {noise:.2g} in [imu] (the filter measures noise, too)",
-        with_imu(gyro_noise_density=noise),
-        {"imu.gyro_noise_density": float(f"{noise:.2g}")},
-    )
+    if noise > OTHER_NOISE * stated:
+        check = check.contradicted(
+            f"at standstill the gyro shakes {noise / stated:.0f} times as much as the file says",
+            f"gyro_noise_density = {noise:.2g} in [imu] (the filter measures noise, too)",
+            with_imu(gyro_noise_density=noise),
+            {"imu.gyro_noise_density": float(f"{noise:.2g}")},
+        )
+    yield check

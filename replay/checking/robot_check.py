@@ -5,6 +5,7 @@ run one after the other, each on the log and file as corrected so far, so that o
 a diameter) does not show up as several.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -49,7 +50,7 @@ def check_robot(log: Log, robot: Robot) -> list[Check]:
     """
     checks: list[Check] = []
     for function in CHECKS:
-        if function in OF_BOTH_SIDES and any(one.name in track_checks.FAILED for one in checks):
+        if function in OF_BOTH_SIDES and track_checks.FAILED & {check.name for check in checks}:
             continue
         for check in function(log, robot):
             checks.append(replace(check, remedy=with_column_keys(check.remedy, robot)))
@@ -80,14 +81,14 @@ def is_of_another(checks: Sequence[Check]) -> bool:
     """True if two of IMU mounting, scale and effective track contradict the file."""
     # The log is then rather of another robot than the file is wrong.
     wrong = [check for check in checks if check.problem and check.correction is not None]
-    names = {check.name for check in wrong if check.name != SCALE or not _is_slight(check)}
+    names = set()
+    for check in wrong:
+        value = check.measured.value if check.measured is not None else math.nan
+        # Worn or sunk wheels explain a slight error of the scale.
+        if check.name != SCALE or not 1.0 / SLIGHT < value < SLIGHT:
+            names.add(check.name)
     groups = ({MOUNTING, FORWARD}, {SCALE}, {TRACK})
     return sum(bool(names & group) for group in groups) >= 2
-
-
-def _is_slight(scale: Check) -> bool:
-    """True if a scale of the tracks is within what worn or sunk wheels explain."""
-    return scale.measured is not None and 1.0 / SLIGHT < scale.measured.value < SLIGHT
 
 
 def topics_left_out(guessed: TopicMap, robot: Robot) -> list[str]:

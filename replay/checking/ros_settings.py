@@ -52,18 +52,16 @@ def ros_settings(
     proposed: bool = False,
     corrected: Sequence[str] = (),
 ) -> str:
-    """Format settings for ROS as YAML.
+    """Format settings for ROS as YAML, for logs that were read with this robot.
 
-    Args:
-        logs: logs that were read with this robot.
-        robot: the robot; its effective track is that of constant ICRs.
-        source: origin of the effective track, for a comment.
-        proposed: True if the effective track is that of the logs, and the gauge a stand-in for one that
-            nobody has measured.
-        corrected: corrected quantities, in which the logs contradicted the robot file.
+    `source` is the origin of the effective track, for a comment. If it is `proposed`, it is that of the
+    logs, and the gauge stands in for one that nobody has measured. `corrected` names the quantities in
+    which the logs contradicted the robot file.
     """
-    names = ", ".join(_word(log.name) for log in logs)
-    lines = [f"{ROS_FIRST_WORDS}, of {_word(robot.name)} on {names}. Every line is in SI units."]
+    # In one line each, so that no name ends the comment.
+    names = [" ".join(name.split()) for name in (robot.name, *(log.name for log in logs))]
+    robot_name, log_names = names[0], ", ".join(names[1:])
+    lines = [f"{ROS_FIRST_WORDS}, of {robot_name} on {log_names}. Every line is in SI units."]
     if corrected:
         lines.append(
             f"# The robot file contradicts the log in: {', '.join(corrected)}. These are by the log."
@@ -194,7 +192,8 @@ def _imu_lines(samples: ImuSeries, robot: Robot) -> list[str]:
     step = float(np.median(np.diff(samples.stamps))) * NANOSECOND
     rate_variance = imu.gyro_noise_density**2 / step
     force_variance = imu.accelerometer_noise_density**2 / step
-    x, y, z = imu.position
+    # To the millimetre, without -0.0.
+    x, y, z = (round(length, 3) + 0.0 for length in imu.position)
     roll, pitch, yaw = np.radians(imu.rotation_rpy_deg)
     return [
         f"# The IMU's driver, at {1.0 / step:.0f} Hz; its bias about the vertical is "
@@ -204,7 +203,7 @@ def _imu_lines(samples: ImuSeries, robot: Robot) -> list[str]:
         f"    angular_velocity_covariance_diagonal: {_numbers([rate_variance] * 3)}",
         f"    linear_acceleration_covariance_diagonal: {_numbers([force_variance] * 3)}",
         "# ros2 run tf2_ros static_transform_publisher --frame-id base_link --child-frame-id imu_link "
-        f"--x {_metres(x)} --y {_metres(y)} --z {_metres(z)} "
+        f"--x {x:g} --y {y:g} --z {z:g} "
         f"--roll {roll:.5f} --pitch {pitch:.5f} --yaw {yaw:.5f}",
     ]
 
@@ -216,7 +215,8 @@ def _separation(logs: Sequence[Log], robot: Robot, source: str) -> list[str]:
     measured = _measured_multipliers(logs, robot)
     comment = f"{source}; {_unknown(logs)}"
     if measured:
-        evidence, mean = _evidence(logs, measured), float(np.mean([one.value for one in measured]))
+        evidence = _evidence(logs, measured)
+        mean = float(np.mean([estimate.value for estimate in measured]))
         comment = f"{source}; {evidence}"
         if is_other_track(mean / multiplier):
             comment = f"{evidence}, which contradicts {multiplier:.4g} {source}"
@@ -270,7 +270,7 @@ def _radius_lines(logs: Sequence[Log], robot: Robot) -> list[str]:
 
 def _evidence(logs: Sequence[Log], estimates: Sequence[check.Estimate]) -> str:
     """Source (one for all) and values, such as "by the gyro of this log 0.62"."""
-    values = ", ".join(f"{one.value:.4g}{one.error}" for one in estimates)
+    values = ", ".join(f"{estimate.value:.4g}{estimate.error}" for estimate in estimates)
     which = "this log" if len(logs) == 1 else "these logs"
     return f"by the {estimates[0].source} of {which} {values}"
 
@@ -288,13 +288,3 @@ def _numbers(values: list[float]) -> str:
 def _number(value: float, digits: int = 4) -> str:
     """Float to significant digits, with a point: to YAML 1.1, 1e3 is a text."""
     return str(np.format_float_positional(value, digits, fractional=False, trim="0", unique=False))
-
-
-def _metres(value: float) -> str:
-    """Length to the millimetre, without -0.0."""
-    return f"{round(value, 3) + 0.0:g}"
-
-
-def _word(name: str) -> str:
-    """Name in one line, so that it does not end a comment."""
-    return " ".join(name.split())

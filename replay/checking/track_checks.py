@@ -53,7 +53,8 @@ OTHER_TRACK = 1.4
 LEAST_LATENCY = 0.07
 SCALE_BY_FORCE = 0.35  # least reported scale error by accelerometer [-]: suspensions squat
 AGREEING = 1.2  # factor between regressions of force on tracks and tracks on force that agree
-SIDES, RATIO = FAILED = "sides", "ratio of the sides"  # checks of a side that fails
+SIDES, RATIO = "sides", "ratio of the sides"
+FAILED = {SIDES, RATIO}  # checks of a side that fails
 # Usual errors of a scale, as true over assumed.
 RADIUS_ERRORS = (
     (0.5, "is the radius a diameter?"),
@@ -83,7 +84,7 @@ def check_sides(log: Log, robot: Robot) -> Iterator[Check]:
     """Sides that repeat one reading while the other one drives."""
     turning = _turning_by_gyro(log, robot)
     if turning is not None and (stuck := stuck_sides(log.tracks, turning)):
-        text = "; ".join(one.text for one in stuck)
+        text = "; ".join(side.text for side in stuck)
         remedy = "look at its sensor and cable; corrected here by the other side and the gyro"
         yield Check(SIDES, "both change", text, text, remedy, _without_stuck_sides)
 
@@ -109,16 +110,11 @@ def _without_stuck_sides(log: Log, robot: Robot) -> tuple[Log, Robot]:
 
 def check_ratio(log: Log, robot: Robot) -> Iterator[Check]:
     """Ratio of the sides where the robot drives straight on by the gyro."""
-    found = _unequal_sides(log, robot)
-    if found is not None:
-        yield Check(
-            RATIO,
-            "1 straight on",
-            f"{found.ratio:.2f}, {('left over right', 'right over left')[found.side]}",
-            found.text,
-            "look at counts, gears, radius and wheels of both sides: one of them is wrong",
-            _with_equal_sides,
-        )
+    unequal = _unequal_sides(log, robot)
+    if unequal is not None:
+        in_log = f"{unequal.ratio:.2f}, {('left over right', 'right over left')[unequal.side]}"
+        remedy = "look at counts, gears, radius and wheels of both sides: one of them is wrong"
+        yield Check(RATIO, "1 straight on", in_log, unequal.text, remedy, _with_equal_sides)
 
 
 def _unequal_sides(log: Log, robot: Robot) -> UnequalSides | None:
@@ -129,9 +125,9 @@ def _unequal_sides(log: Log, robot: Robot) -> UnequalSides | None:
 
 def _with_equal_sides(log: Log, robot: Robot) -> tuple[Log, Robot]:
     """Scale the side that reads less, from the row on from which it does."""
-    found, speeds = _unequal_sides(log, robot), log.tracks.speeds.copy()
-    if found is not None:
-        speeds[found.begin :, found.side] /= found.ratio
+    unequal, speeds = _unequal_sides(log, robot), log.tracks.speeds.copy()
+    if unequal is not None:
+        speeds[unequal.begin :, unequal.side] /= unequal.ratio
     return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, speeds)), robot
 
 
@@ -142,13 +138,10 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     vertical, _ = in_base(log.imu, robot)
     track_rate = float(np.ptp(log.tracks.speeds, axis=1).mean()) / effective_track(robot)
     if len(vertical) > FEWEST and np.ptp(vertical) == 0.0 and track_rate > CLEARLY_TURNS:
-        yield Check(
-            "gyro",
-            "shows turns",
-            f"reads {vertical[0]:.4g} rad/s all the time",
-            "the gyro reads one value all the time, and the tracks turn",
-            "look at its driver and cable; gyro_axes in [imu] if only one axis is logged",
-        )
+        in_log = f"reads {vertical[0]:.4g} rad/s all the time"
+        problem = "the gyro reads one value all the time, and the tracks turn"
+        remedy = "look at its driver and cable; gyro_axes in [imu] if only one axis is logged"
+        yield Check("gyro", "shows turns", in_log, problem, remedy)
         return
     correlation = imu_mounting.turning_correlation(log.tracks, log.imu, vertical)
     in_log = "nothing turns" if correlation is None else f"correlation {correlation:.2f}"
@@ -180,7 +173,11 @@ def _clear_turning(
     """Check of tracks that turn as the gyro, or opposite: swapped, or reversed?"""
     vertical, force = in_base(imu, robot)
     is_backward = _drives_backward(log)  # None without a truth
-    by_imu = is_backward is None and _accelerates_backward(log.tracks, imu, vertical, force)
+    by_imu = False
+    if is_backward is None and force is not None:
+        horizontal = np.nan_to_num(force[:, :2])
+        yaw = imu_mounting.forward_yaw(log.tracks, imu.stamps, horizontal, vertical)
+        by_imu = yaw is not None and abs(yaw) == 180.0
     if turns_alike and not is_backward:
         return check
     minus = 'with a minus before each name, as "-motor"'
@@ -213,38 +210,18 @@ def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate:
         suspicion = turning_suspicion(log, rate, tracks.gauge or robot.vehicle.track_gauge)
         remedy = "gauge in [log.tracks], which is that of its controller, or its yaw rate"
         return check.contradicted(suspicion[0], remedy) if suspicion else check
-    reversed_side = _reversed_side(log.tracks, imu, rate)
-    if reversed_side is None:
+    # V_r - V_l of the mirrored speeds is -(V_r + V_l): the turning if one side counts backward.
+    signs = np.array([1.0, -1.0])
+    mirrored = TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds * signs)
+    correlation = imu_mounting.turning_correlation(mirrored, imu, rate)
+    if correlation is None or abs(correlation) < imu_mounting.CLEAR_TURNING:
         return check
-    side, signs = reversed_side
+    side, signs = ("right", signs) if correlation > 0.0 else ("left", -signs)
     return check.contradicted(
         f"the {side} side counts backward: the robot turns as the sum of both sides",
         f'a minus before the names of {side} in [{tracks_table(robot)}], as "-motor"',
         with_speeds(lambda speeds: speeds * signs),
     )
-
-
-def _reversed_side(
-    tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats
-) -> tuple[str, Floats] | None:
-    """Side that counts backward, and the signs (2,) that correct it; None if unclear."""
-    signs = np.array([1.0, -1.0])
-    mirrored = TrackSpeedSeries(tracks.stamps, tracks.speeds * signs)
-    correlation = imu_mounting.turning_correlation(mirrored, imu, vertical)
-    if correlation is None or abs(correlation) < imu_mounting.CLEAR_TURNING:
-        return None
-    # V_r - V_l of the mirrored speeds is -(V_r + V_l).
-    return ("right", signs) if correlation > 0.0 else ("left", -signs)
-
-
-def _accelerates_backward(
-    tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats, force: Floats | None
-) -> bool:
-    """True if the IMU accelerates backward where the tracks speed up."""
-    if force is None:
-        return False
-    yaw = imu_mounting.forward_yaw(tracks, imu.stamps, np.nan_to_num(force[:, :2]), vertical)
-    return yaw is not None and abs(yaw) == 180.0
 
 
 def _drives_backward(log: Log) -> bool | None:
@@ -310,13 +287,7 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     """Scale of the track speeds, by truth, fixes or the accelerometer."""
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
-    least, scale = LEAST_SCALE, measured_scale(log, robot)
-    if scale is None:
-        least, scale = LEAST_IN_BENDS, measured_scale(log, robot, with_bends=True)
-    if scale is not None:
-        least = max(least, SIGMAS * robot.tracks.scale_sigma)
-    else:
-        least, scale = SCALE_BY_FORCE, _scale_by_force(log.tracks, log.imu, robot)
+    scale, least = _measured_scale(log, log.imu, robot)
     if scale is None:
         yield Check(SCALE, "1", "not seen: no truth, no fixes")
         return
@@ -345,17 +316,24 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
             in_log += f"; counts from {least:.0%} on, {name} = {value:.3g} would fit"
         yield replace(check, in_log=in_log)
         return
-    guess = _guess(ratio, robot)
-    text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{guess}"
+    text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{_guess(ratio, robot)}"
     if source == "accelerometer":
         text = f"accelerations are {ratio:.3g}{error} times the changes of the track speeds"
         text += " (suspensions explain 1.2)"
-    yield check.contradicted(
-        text,
-        f"{name} = {value:g} in [{table}]",
-        with_speeds(lambda speeds: ratio * speeds),
-        {f"{table}.{name}": value},
-    )
+    remedy = f"{name} = {value:g} in [{table}]"
+    corrected = with_speeds(lambda speeds: ratio * speeds)
+    yield check.contradicted(text, remedy, corrected, {f"{table}.{name}": value})
+
+
+def _measured_scale(log: Log, imu: ImuSeries, robot: Robot) -> tuple[Estimate | None, float]:
+    """Scale of the track speeds [-], None if unclear, and the least error that counts."""
+    least = LEAST_SCALE
+    scale = measured_scale(log, robot)
+    if scale is None:
+        least, scale = LEAST_IN_BENDS, measured_scale(log, robot, with_bends=True)
+    if scale is None:
+        return _scale_by_force(log.tracks, imu, robot), SCALE_BY_FORCE
+    return scale, max(least, SIGMAS * robot.tracks.scale_sigma)
 
 
 def _guess(ratio: float, robot: Robot) -> str:
@@ -406,7 +384,7 @@ def _scale_by_force(tracks: TrackSpeedSeries, imu: ImuSeries, robot: Robot) -> E
     if most > AGREEING * ratio:
         if ratio < 1.0 < most:
             return None
-        ratio = min(ratio, most, key=lambda one: abs(math.log(one)))
+        ratio = min(ratio, most, key=lambda scale: abs(math.log(scale)))
     return Estimate(ratio, sigma, "accelerometer")
 
 

@@ -88,11 +88,8 @@ def judged(
 ) -> tuple[list[Check], Worth, list[str]]:
     """Withdraw latencies whose correction increases the drift against the truth.
 
-    Returns:
-        The checks, with no problem where one was withdrawn; their worth; a note on each withdrawn one.
-
-    Raises:
-        ReplayError: as of `worth_of`.
+    Returns the checks, with no problem where one was withdrawn, their worth, a note on each withdrawn
+    one; raises what `worth_of` does.
     """
     worth, notes = worth_of(log, robot, checks, progress), []
     wrong, judged_checks = [check for check in checks if check.problem], list(checks)

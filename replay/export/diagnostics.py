@@ -60,8 +60,14 @@ def diagnostics(runs: Mapping[str, Run], hardware: str) -> Outbox:
             statuses += [_innovation_status(name, sensor, i) for sensor in innovations[name]]
             if i == len(stamps) - 1:
                 statuses.append(_count_status(name, run))
-        status = [_status_message(messages, one, hardware) for one in statuses]
-        return messages.new(DIAGNOSTICS, header=messages.header(stamps[i], ""), status=status)
+        status_messages = []
+        for status in statuses:
+            texts = status.values.items()
+            values = [messages.new(KEY_VALUE, key=key, value=text) for key, text in texts]
+            fields = status._asdict() | {"hardware_id": hardware, "values": values}
+            status_messages.append(messages.new(STATUS, **fields))
+        header = messages.header(stamps[i], "")
+        return messages.new(DIAGNOSTICS, header=header, status=status_messages)
 
     return Outbox(DIAGNOSTICS_TOPIC, DIAGNOSTICS, stamps, make)
 
@@ -120,16 +126,3 @@ def _count_status(variant: str, run: Run) -> DiagnosticStatus:
         values["wander of the fixes"] = health.wander.text
     seconds = (run.stamps[-1] - run.stamps[0]) * NANOSECOND
     return DiagnosticStatus(OK, f"{variant}: counts", f"of all {seconds:.0f} s", values)
-
-
-def _status_message(messages: Messages, status: DiagnosticStatus, hardware: str) -> Any:
-    """Make a diagnostic_msgs/DiagnosticStatus."""
-    pairs = [messages.new(KEY_VALUE, key=key, value=value) for key, value in status.values.items()]
-    return messages.new(
-        STATUS,
-        level=status.level,
-        name=status.name,
-        message=status.message,
-        hardware_id=hardware,
-        values=pairs,
-    )

@@ -80,11 +80,10 @@ def write_tum(path: Path, poses: PoseSeries) -> Path:
 
 
 def write_kitti(path: Path, poses: PoseSeries) -> Path:
-    """Write poses as a KITTI file, 9 decimals each, and a file of their times.
+    """Write poses as a KITTI file, 9 decimals each, and a file of their times [s].
 
-    The axes are those of the poses (x forward, y left, z up), not those of KITTI's cameras. KITTI files
-    have no times. They go to the same path with the suffix `.times`, one a line, in seconds with 9
-    decimals.
+    The axes are those of the poses (x forward, y left, z up), not those of KITTI's cameras. The times,
+    one a line, go to the same path with the suffix `.times`.
 
     Raises:
         ReplayError: a file exists, or cannot be written.

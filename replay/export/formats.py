@@ -20,9 +20,7 @@ DEFAULT_FORMATS = ("tum", "mcap")
 
 
 def parse_formats(text: str | None) -> tuple[str, ...]:
-    """Parse comma-separated names of formats into the order of `FORMATS`.
-
-    None gives the default.
+    """Parse comma-separated names into the order of `FORMATS`; None is the default.
 
     Raises:
         ReplayError: there is no such format, or none is named; "none" alone is allowed.

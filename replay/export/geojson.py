@@ -22,9 +22,8 @@ DECIMALS, HEIGHT_DECIMALS = 8, 3  # decimals of degrees and of metres: about a m
 def write_geojson(path: Path, comparison: Comparison) -> Path:
     """Write the paths of all runs, the truth and the fixes that were used.
 
-    Each path is a LineString with the properties `name`, `start_ns`, `end_ns`, and `stroke` (its colour);
-    fixes are a MultiPoint. Coordinates are longitude and latitude [deg], WGS 84, and the height [m] of
-    paths in three dimensions.
+    Each path is a LineString with the properties `name`, `start_ns`, `end_ns`, `stroke`; fixes are a
+    MultiPoint. Coordinates are longitude, latitude [deg], WGS 84, and the height [m] if it is known.
 
     Raises:
         ReplayError: the log has no origin, the file exists, or it cannot be written.
@@ -41,8 +40,8 @@ def write_geojson(path: Path, comparison: Comparison) -> Path:
         features.append(_line_feature("ground_truth", log.truth.poses, origin, TRUTH_COLOUR))
     if log.fixes is not None and len(log.fixes.stamps):
         points = _coordinates(log.fixes.poses[:, :2], origin)
-        colour = {"marker-color": FIX_COLOUR}
-        features.append(_feature("MultiPoint", points, name="fixes", **colour))
+        properties = {"name": "fixes", "marker-color": FIX_COLOUR}
+        features.append(_feature("MultiPoint", points, properties))
     text = json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
     return write_text(path, text + "\n")
 
@@ -58,7 +57,7 @@ def _line_feature(name: str, series: PoseSeries, origin: Origin, colour: str) ->
     if len(points) == 1:
         points *= 2  # a LineString has two positions or more
     times = {"start_ns": int(series.stamps[0]), "end_ns": int(series.stamps[-1])}
-    return _feature("LineString", points, name=name, **times, stroke=colour)
+    return _feature("LineString", points, {"name": name, **times, "stroke": colour})
 
 
 def _coordinates(positions: Floats, origin: Origin) -> list[list[float]]:
@@ -68,7 +67,7 @@ def _coordinates(positions: Floats, origin: Origin) -> list[list[float]]:
     return points
 
 
-def _feature(kind: str, points: list[list[float]], **properties: Any) -> dict[str, Any]:
+def _feature(kind: str, points: list[list[float]], properties: dict[str, Any]) -> dict[str, Any]:
     """GeoJSON feature with a geometry of a kind, such as "LineString"."""
     geometry = {"type": kind, "coordinates": points}
     return {"type": "Feature", "properties": properties, "geometry": geometry}

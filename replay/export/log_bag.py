@@ -67,7 +67,15 @@ def write_log(
     topics = _with_antenna(writable_topics(robot_topics), log)
     outboxes = _log_outboxes(log, topics, robot.vehicle.sprocket_radius)
     if topics != robot_topics:
-        outboxes.append(_mapping_message(log, topics))
+        # `read_log` reads the bag by the mapping of the streams that the log has.
+        used = TopicMap(
+            topics.tracks,
+            topics.imu if log.imu is not None else None,
+            topics.fixes if log.fixes is not None else None,
+            topics.truth if log.truth is not None else None,
+        )
+        text = msgspec.json.encode(used).decode()
+        outboxes.append(_text_message(MAPPING_TOPIC, np.array([log.start]), text))
     return write_bag(Path(path), format, outboxes, overwrite=overwrite)
 
 
@@ -117,17 +125,6 @@ def _log_outboxes(log: Log, topics: TopicMap, radius: float) -> list[Outbox]:
     return outboxes
 
 
-def _mapping_message(log: Log, topics: TopicMap) -> Outbox:
-    """Mapping of the streams that the log has, by which `read_log` reads the bag."""
-    used = TopicMap(
-        topics.tracks,
-        topics.imu if log.imu is not None else None,
-        topics.fixes if log.fixes is not None else None,
-        topics.truth if log.truth is not None else None,
-    )
-    return _text_message(MAPPING_TOPIC, np.array([log.start]), msgspec.json.encode(used).decode())
-
-
 def _text_message(topic: str, stamps: Stamps, text: str) -> Outbox:
     """Text as a latched std_msgs/String at each of some stamps (here one) [ns]."""
 
@@ -148,14 +145,9 @@ def _joint_states(
     nothing = np.empty(0)
 
     def make(messages: Messages, i: int) -> Any:
-        return messages.new(
-            ros.JOINT_STATE,
-            header=messages.header(tracks.stamps[i], ""),
-            name=names,
-            position=nothing,
-            velocity=rates[i],
-            effort=nothing,
-        )
+        header = messages.header(tracks.stamps[i], "")
+        fields = {"name": names, "position": nothing, "velocity": rates[i], "effort": nothing}
+        return messages.new(ros.JOINT_STATE, header=header, **fields)
 
     return Outbox(topic, ros.JOINT_STATE, tracks.stamps, make)
 

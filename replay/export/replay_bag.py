@@ -101,13 +101,10 @@ def _odometry_messages(topic: str, trajectory: Trajectory, frame: str) -> Outbox
         if spatial is not None:
             pose_covariance[SPATIAL_VARIANCES] = spatial[i]
         twist_covariance = planar_covariance(trajectory.twist_covariances[i])
-        return messages.new(
-            ros.ODOMETRY,
-            header=messages.header(trajectory.stamps[i], ODOM),
-            child_frame_id=frame,
-            pose=messages.pose_with_covariance(positions[i], quaternions[i], pose_covariance),
-            twist=messages.twist_with_covariance(trajectory.twists[i], twist_covariance),
-        )
+        pose = messages.pose_with_covariance(positions[i], quaternions[i], pose_covariance)
+        twist = messages.twist_with_covariance(trajectory.twists[i], twist_covariance)
+        fields = {"header": messages.header(trajectory.stamps[i], ODOM), "child_frame_id": frame}
+        return messages.new(ros.ODOMETRY, **fields, pose=pose, twist=twist)
 
     return Outbox(topic, ros.ODOMETRY, trajectory.stamps, make)
 
@@ -118,16 +115,10 @@ def _transforms(series: PoseSeries, frame: str) -> Outbox:
     positions, quaternions = series.positions, series.quaternions
 
     def make(messages: Messages, i: int) -> Any:
-        transform = messages.new(
-            ros.TRANSFORM,
-            header=messages.header(series.stamps[i], ODOM),
-            child_frame_id=frame,
-            transform=messages.new(
-                "geometry_msgs/msg/Transform",
-                translation=messages.vector(positions[i]),
-                rotation=messages.quaternion(quaternions[i]),
-            ),
-        )
+        place, turn = messages.vector(positions[i]), messages.quaternion(quaternions[i])
+        pose = messages.new("geometry_msgs/msg/Transform", translation=place, rotation=turn)
+        fields = {"header": messages.header(series.stamps[i], ODOM), "child_frame_id": frame}
+        transform = messages.new(ros.TRANSFORM, **fields, transform=pose)
         return messages.new(ros.TF, transforms=[transform])
 
     return Outbox(TF_TOPIC, ros.TF, series.stamps, make)
@@ -194,15 +185,10 @@ def _globe_messages(topic: str, trajectory: Trajectory, origin: Origin, frame: s
         covariances[:, 2, 2] = trajectory.spatial_sigmas[rows, 0] ** 2
 
     def make(messages: Messages, i: int) -> Any:
-        return messages.blank(
-            ros.NAVSATFIX,
-            header=messages.header(stamps[i], frame),
-            latitude=latitude[i],
-            longitude=longitude[i],
-            altitude=altitudes[i],
-            position_covariance=covariances[i].ravel(),
-            position_covariance_type=COVARIANCE_KNOWN,
-        )
+        place = {"latitude": latitude[i], "longitude": longitude[i], "altitude": altitudes[i]}
+        place["position_covariance"] = covariances[i].ravel()
+        place["position_covariance_type"] = COVARIANCE_KNOWN
+        return messages.blank(ros.NAVSATFIX, header=messages.header(stamps[i], frame), **place)
 
     return Outbox(topic, ros.NAVSATFIX, stamps, make)
 

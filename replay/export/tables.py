@@ -29,17 +29,8 @@ Format = Literal["csv", "parquet"]
 
 # Names of the upper triangles of both covariances, row by row.
 POSE_COVARIANCES = ("x_x_m2", "x_y_m2", "x_yaw_m_rad", "y_y_m2", "y_yaw_m_rad", "yaw_yaw_rad2")
-TWIST_COVARIANCES = tuple(
-    f"{entry}_s2"
-    for entry in (
-        "v_x_v_x_m2",
-        "v_x_v_y_m2",
-        "v_x_w_m_rad",
-        "v_y_v_y_m2",
-        "v_y_w_m_rad",
-        "w_w_rad2",
-    )
-)
+TWISTS = ("v_x_v_x_m2", "v_x_v_y_m2", "v_x_w_m_rad", "v_y_v_y_m2", "v_y_w_m_rad", "w_w_rad2")
+TWIST_COVARIANCES = tuple(f"{entry}_s2" for entry in TWISTS)
 ENCODING = "BYTE_STREAM_SPLIT"  # compresses noise: bytes of equal significance are grouped
 
 
@@ -148,25 +139,18 @@ def columns_of(comparison: Comparison, robot: Robot, variant: str) -> dict[str, 
 
 
 def _truth_columns(comparison: Comparison, variant: str, run: Run) -> dict[str, NDArray[Any]]:
-    """Truth, aligned with the run, and errors at its rows; NaN in holes of the truth.
-
-    The NEES is NaN where the covariance is singular, and against fixes, whose errors it does not contain.
-    """
+    """Truth, aligned with the run, and errors at its rows; NaN in holes of the truth."""
+    # The NEES is NaN where the covariance is singular, and against fixes, whose errors it lacks.
     truth = truths_of(comparison)[variant].truth
     poses = true_poses_at(truth, run.stamps)
     poses[:, 2] = wrap_angle(poses[:, 2])
     errors = run.trajectory.poses - poses
     errors[:, 2] = wrap_angle(errors[:, 2])
-    (x, y, yaw), (x_error, y_error, yaw_error) = poses.T, errors.T
+    x_error, y_error, yaw_error = errors.T
     covariances = run.trajectory.pose_covariances
     has_nees = regular(covariances) & (truth.source != OF_FIXES)
     normalised = np.full(len(errors), np.nan)
     normalised[has_nees] = nees(errors[has_nees], covariances[has_nees])
-    return {
-        "true_x_m": x,
-        "true_y_m": y,
-        "true_yaw_rad": yaw,
-        "position_error_m": np.hypot(x_error, y_error),
-        "yaw_error_rad": yaw_error,
-        "nees_pose": normalised,
-    }
+    columns = dict(zip(("true_x_m", "true_y_m", "true_yaw_rad"), poses.T, strict=True))
+    columns |= {"position_error_m": np.hypot(x_error, y_error), "yaw_error_rad": yaw_error}
+    return columns | {"nees_pose": normalised}

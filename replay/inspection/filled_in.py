@@ -27,9 +27,8 @@ MARKS = f"# Values as proposed, by marks ({MARK}): inspect --overwrite keeps all
 def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
     """Take over from an earlier proposal what a person filled in, changed or added.
 
-    Returns:
-        The text with a mark of each proposed value, by which the next proposal recognises those of a
-        person, and the names of what was taken over, as "vehicle.mass", or "[soil]" for a table.
+    The text has a mark of each proposed value, by which the next proposal recognises those of a person.
+    The list names what was taken over, as "vehicle.mass", or "[soil]" for a table.
 
     Raises:
         ReplayError: the earlier file is no TOML file.

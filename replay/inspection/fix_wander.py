@@ -87,14 +87,9 @@ class _Fit(NamedTuple):
 
 
 def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | str:
-    """Estimate white noise and wander of a log's position fixes.
+    """Estimate white noise and wander of a log's fixes, or the reason why that fails.
 
-    Args:
-        log: the log, its track speeds in any unit.
-        vertical: (n,) rate of its IMU about the vertical [rad/s], or None.
-
-    Returns:
-        The estimate, or the reason why there is none.
+    `vertical` (n,) is the rate of the IMU about the vertical [rad/s]; track speeds may have any unit.
     """
     if log.fixes is None or not len(log.fixes.stamps):
         return "there are no fixes"
@@ -132,9 +127,11 @@ def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | st
 
 
 def _cut_windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
-    """Cut the fixes into windows, with the path by odometry."""
-    # `vertical` (n,) is the yaw rate [rad/s] at the IMU's stamps (n,) [ns]. Windows with holes or too few
-    # fixes are left out.
+    """Cut the fixes into windows, with the path by odometry.
+
+    `vertical` (n,) is the yaw rate [rad/s] at the IMU's stamps (n,) [ns]. Windows with holes or too few
+    fixes are left out.
+    """
     fixes = log.fixes
     if fixes is None or len(stamps) < 2:
         return []
@@ -147,28 +144,36 @@ def _cut_windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
     # Change of the path by a bias of the gyro.
     bias_path = running_integral(stamps, velocity * 1j * seconds)
 
-    inside = (fixes.stamps >= max(origin, log.tracks.stamps[0])) & (
-        fixes.stamps <= min(stamps[-1], log.tracks.stamps[-1])
-    )
+    first, last = max(origin, log.tracks.stamps[0]), min(stamps[-1], log.tracks.stamps[-1])
+    inside = (fixes.stamps >= first) & (fixes.stamps <= last)
     times = (fixes.stamps[inside] - origin) * NANOSECOND
     positions = fixes.poses[inside, 0] + 1j * fixes.poses[inside, 1]
-    windows: list[_Window] = []
     if not len(times):
-        return windows
+        return []
+    windows = []
     *numbers, _incomplete = np.unique((times - times[0]) // WINDOW).tolist()
     for number in numbers:
         begin = times[0] + number * WINDOW
         rows = np.flatnonzero((times >= begin) & (times < begin + WINDOW))
         rows = rows[~_are_outliers(positions[rows])]
         rows = rows[:: max(1, math.ceil(len(rows) / MOST_IN_WINDOW))]
-        has_hole = any(_has_hole(one, origin, begin) for one in (stamps, log.tracks.stamps))
+        has_hole = any(_has_hole(each, origin, begin) for each in (stamps, log.tracks.stamps))
         if len(rows) < FEWEST_IN_WINDOW or has_hole:
             continue
         at_fixes = np.interp(times[rows], seconds, path)
-        bias_at_fixes = np.interp(times[rows], seconds, bias_path)
-        design = _orthonormal(np.column_stack([np.ones(len(rows)), at_fixes, bias_at_fixes]))
+        design = _independent_columns(at_fixes, np.interp(times[rows], seconds, bias_path))
         windows.append(_Window(times[rows], positions[rows], at_fixes, design))
     return windows
+
+
+def _independent_columns(path: Floats, bias_path: Floats) -> Floats:
+    """Orthonormal columns (n, k) that span a constant and both complex paths (n,)."""
+    from scipy.linalg import orth
+
+    columns = np.column_stack([np.ones(len(path)), path, bias_path])
+    scale = np.linalg.norm(columns, axis=0)
+    basis: Floats = orth(columns / np.where(scale > 0.0, scale, 1.0), rcond=1e-6)
+    return basis
 
 
 def _has_hole(stamps: Stamps, origin: int, begin: float) -> bool:
@@ -187,14 +192,6 @@ def _are_outliers(positions: Floats) -> NDArray[np.bool_]:
     x, y = (median_filter(axis, 5, mode="mirror") for axis in (positions.real, positions.imag))
     distance = np.abs(positions - (x + 1j * y))
     return np.asarray(distance > OUTLYING * np.median(distance) + 1e-6)
-
-
-def _orthonormal(columns: Floats) -> Floats:
-    """Orthonormal basis of columns (n, k), without those that depend on others."""
-    from scipy.linalg import orth
-
-    scale = np.linalg.norm(columns, axis=0)
-    return np.asarray(orth(columns / np.where(scale > 0.0, scale, 1.0), rcond=1e-6))
 
 
 def _fit(windows: list[_Window], model: tuple[float, float] | None) -> _Fit:

@@ -80,7 +80,8 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         time = _Time(
             None if table_time == main_time else table_time, None if unit == main_unit else unit
         )
-        names = [one.name for one in table.columns if one.is_number and one.name != table_time]
+        numbers = [column.name for column in table.columns if column.is_number]
+        names = [name for name in numbers if name != table_time]
         true_names = [name for name in names if is_truth(table.path.stem) or is_truth(name)]
         measured = [name for name in names if name not in true_names and not is_command(name)]
         tracks = tracks or _tracks(measured, time, table)
@@ -126,7 +127,11 @@ def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | N
     likely = [name for name in names if not NO_SPEED.search(name.lower())]
     left, right = sides([name for name in likely if SPEED.search(name.lower())])
     if not (left and right):
-        left, right = sides([name for name in likely if _names_side_alone(name)])
+        # Names with no other quantity than their side, as `left_m_s`.
+        bare_names = {name: re.sub("left|right", " ", name.lower()) for name in likely}
+        words_of = {name: re.split(r"[^a-z]+", bare) for name, bare in bare_names.items()}
+        bare = [name for name, words in words_of.items() if all(map(BARE.fullmatch, words))]
+        left, right = sides(bare)
     if not (left and right) or len(left) != len(right):
         return None
     keys = unit_of(left[0], unknown="m/s")
@@ -134,12 +139,6 @@ def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | N
         counts = table.numbers((*left, *right))
         keys["wrap"] = counter_range(counts)[0] if len(left) == 1 else None
     return TrackColumns(left=left, right=right, **time._asdict(), **keys)
-
-
-def _names_side_alone(name: str) -> bool:
-    """Return True for a name with no other quantity than its side, as `left_m_s`."""
-    words = re.split(r"[^a-z]+", re.sub("left|right", " ", name.lower()))
-    return all(BARE.fullmatch(word) for word in words)
 
 
 def _axes(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:

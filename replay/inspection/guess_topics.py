@@ -57,15 +57,13 @@ def guess_topics(surveys: Iterable[Survey]) -> TopicMap:
     Track speeds come from a JointState with velocities of left and right joints, from two topics with
     a number each, from numbers of another message by their names, or else from an odometry. The IMU is
     the fastest topic that measures rates; another Imu with an orientation but no rates is a heading.
-    Poses are the truth if the topic is named so, otherwise fixes.
-
-    Returns:
-        The mapping; None for streams that were not found.
+    Poses are the truth if the topic is named so, otherwise fixes. Streams that were not found are None.
     """
     recorded = [survey for survey in surveys if survey.recorded]
     recorded.sort(key=lambda survey: survey.channel.topic)
-    truths = {one.channel.topic: one for one in recorded if is_truth(one.channel.topic)}
-    sensors = {one.channel.topic: one for one in recorded if not is_truth(one.channel.topic)}
+    by_topic = {survey.channel.topic: survey for survey in recorded}
+    truths = {topic: survey for topic, survey in by_topic.items() if is_truth(topic)}
+    sensors = {topic: survey for topic, survey in by_topic.items() if not is_truth(topic)}
     tracks, imu, heading = _tracks(sensors), _imu(sensors), _heading(sensors)
     if tracks:
         del sensors[tracks.topic]  # an odometry that gives track speeds is no fix, too
@@ -104,7 +102,8 @@ def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     for topic, survey in surveys.items():
         if survey.channel.msgtype != ros.JOINT_STATE or is_command(topic):
             continue
-        joints = [list(one.name) for one in survey.messages if len(one.velocity) == len(one.name)]
+        states = survey.messages
+        joints = [list(state.name) for state in states if len(state.velocity) == len(state.name)]
         # Some drivers publish each wheel in a message of its own.
         all_joints = list(dict.fromkeys(name for names in joints for name in names))
         for names in (*joints, all_joints):
@@ -183,9 +182,11 @@ def is_of_wheel(name: str) -> bool:
 
 def _measures_rates(survey: Survey) -> bool:
     """Test the samples of an Imu topic for rates that are neither absent nor all zero."""
-    present = [one for one in survey.messages if one.angular_velocity_covariance[0] != ABSENT]
-    rates = [one.angular_velocity for one in present]
-    return any((rate.x, rate.y, rate.z) != (0.0, 0.0, 0.0) for rate in rates)
+    for message in survey.messages:
+        rate, is_absent = message.angular_velocity, message.angular_velocity_covariance[0] == ABSENT
+        if not is_absent and (rate.x, rate.y, rate.z) != (0.0, 0.0, 0.0):
+            return True
+    return False
 
 
 def _heading(surveys: Mapping[str, Survey]) -> HeadingTopic | None:
@@ -193,9 +194,10 @@ def _heading(surveys: Mapping[str, Survey]) -> HeadingTopic | None:
     for topic, survey in surveys.items():
         if survey.channel.msgtype != ros.IMU or _measures_rates(survey):
             continue
-        oriented = [one for one in survey.messages if one.orientation_covariance[0] != ABSENT]
-        if any(abs(one.orientation.z) > 0.0 for one in oriented):
-            has_sigma = any(one.orientation_covariance[8] > 0.0 for one in oriented)
+        samples = survey.messages
+        oriented = [sample for sample in samples if sample.orientation_covariance[0] != ABSENT]
+        if any(abs(sample.orientation.z) > 0.0 for sample in oriented):
+            has_sigma = any(sample.orientation_covariance[8] > 0.0 for sample in oriented)
             return HeadingTopic(topic, sigma=None if has_sigma else PLACEHOLDER_SIGMA)
     return None
 
@@ -217,7 +219,7 @@ def _fixes(surveys: Mapping[str, Survey]) -> FixTopic | None:
     if topic is not None:
         has_sigma = surveys[topic].channel.msgtype == ros.POSE_WITH_COVARIANCE
     elif (topic := _first_topic(surveys, ros.NAVSATFIX)) is not None:
-        has_sigma = any(one.position_covariance_type for one in surveys[topic].messages)
+        has_sigma = any(message.position_covariance_type for message in surveys[topic].messages)
     else:
         return None
     return FixTopic(topic, position_sigma=None if has_sigma else PLACEHOLDER_SIGMA)

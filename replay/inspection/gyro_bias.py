@@ -42,12 +42,9 @@ class GyroBias(NamedTuple):
 def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBias | None:
     """Estimate the bias of the gyro; None if the log does not show it.
 
-    A standstill is preferred, then the headings of a truth, then the tracks.
-
-    Args:
-        log: the log; its track speeds may be rates.
-        vertical: (n,) rate about the vertical at the IMU's stamps [rad/s].
-        noise_density: noise of the rate, for the error at standstill [rad/s/√Hz].
+    A standstill is preferred, then the headings of a truth, then the tracks, whose speeds may be rates.
+    `vertical` (n,) is the rate about the vertical at the IMU's stamps [rad/s], the noise density its
+    noise, for the error at standstill [rad/s/√Hz].
     """
     if log.imu is None or len(log.imu.stamps) < 2:
         return None

@@ -28,8 +28,9 @@ CLEAR_SCORE = 0.4  # smallest sum of two correlations at which a yaw of the moun
 class Mounting:
     """Mounting and noise of an IMU, estimated from a log."""
 
-    # roll and pitch at which the vertical points up, and yaw to the next 90 deg [deg]
-    rotation_rpy_deg: tuple[float, float, float]
+    rotation_rpy_deg: tuple[
+        float, float, float
+    ]  # roll, pitch to level it, yaw to the next 90 deg [deg]
     up_shown_by: str  # evidence of the vertical: "gravity", "turning", or "" for none
     yaw_shown: bool  # whether the track speeds show that yaw; otherwise it is unknown, and set to 0
     specific_force: Floats | None  # (3,) mean in the IMU's axes [m/s²], None without accelerometers
@@ -46,11 +47,7 @@ class Mounting:
 
 
 def estimate_mounting(log: Log) -> Mounting | None:
-    """Estimate the mounting and noise of a log's IMU.
-
-    Returns:
-        The estimate, or None if there is no IMU, or readings are absurd (beyond `ABSURD`).
-    """
+    """Estimate mounting and noise of an IMU; None without one or if it is absurd."""
     imu = log.imu
     if imu is None or len(imu.stamps) < 2:
         return None

@@ -31,7 +31,7 @@ from icreckon.replay.inspection import track_by_rate as by_rate
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
 from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of
 from icreckon.replay.inspection.guess_topics import guess_topics, may_be_a_side
-from icreckon.replay.inspection.gyro_bias import GyroBias, gyro_bias
+from icreckon.replay.inspection.gyro_bias import gyro_bias
 from icreckon.replay.inspection.latency import objection, track_latency, truth_lag, without_lag
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap
@@ -106,47 +106,20 @@ def inspect(
         timeless = [table.path.name for table in tables if not time_column_of(table, time_column)]
         if timeless:
             notes.append(f"no column looks like a time, not used: {', '.join(timeless)}")
-    mapping = _with_keys(mapping, sizes.log)
-    log: Log | None = None
-    clocks: dict[str, Choice] = {}
-    try:
-        gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
-        clocks = choose_clocks(evidence_of(gathered.streams))
-        log = assemble(gathered, UNITS_OF_RADIUS, first.stem)
-        in_units = _with_units(mapping, log, notes)
-        if in_units is not mapping:
-            mapping = in_units
-            gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
-            log = assemble(gathered, UNITS_OF_RADIUS, first.stem)
-    except EqualStampsError:
-        raise
-    except ReplayError as problem:
-        if sizes.log:
-            raise ReplayError(f"the streams of the robot file: {problem}") from None
-        if not tables or mapping.columns is not None:
-            notes.append(f"the proposed topics cannot be read: {problem}")
-    estimates = _estimates(mapping, clocks, log, sizes)
-    track = _track_by_rate(estimates)
-    recorded = [survey.recorded for survey in surveys.values() if survey.recorded]
-    duration = (max(map(max, recorded)) - min(map(min, recorded))) * NANOSECOND if recorded else 0.0
-    if log is not None and tables and (len(log.tracks.stamps) or log.imu is not None):
-        duration = max(duration, log.duration)
+    estimates = _estimates(paths, _with_keys(mapping, sizes.log), definitions, sizes, notes)
+    mapping, log, track = estimates.mapping, estimates.log, _track_by_rate(estimates)
     reports = _topic_reports(surveys.values(), mapping, log)
     for table in tables:
         reports += _column_reports(table, mapping.columns)
+    missing = () if mapping.track_keys else (_missing_tracks(surveys.values()),)
+    errors = _error_findings(estimates)
     return Inspection(
         path=first,
-        duration=duration,
+        duration=_duration(surveys.values(), log if tables else None),
         topics=tuple(reports),
         mapping=mapping,
         mounting=estimates.mounting,
-        findings=(
-            *(() if mapping.track_keys else (_missing_tracks(surveys.values()),)),
-            *_findings(estimates),
-            *_rate_finding(track),
-            *_bias_finding(estimates.bias),
-            *_wander_finding(estimates.wander),
-        ),
+        findings=(*missing, *_findings(estimates), *_rate_finding(track), *errors),
         dropped=log.dropped if log is not None else {},
         notes=(*coarse_stamps(log.notes if log else ()), *notes),
         proposed_robot_file=robot_file.robot_file_text(first, estimates),
@@ -154,24 +127,67 @@ def inspect(
     )
 
 
+def _duration(surveys: Collection[topic_survey.Survey], log: Log | None) -> float:
+    """Time from the first to the last message, or in a log of tables if longer [s]."""
+    recorded = [survey.recorded for survey in surveys if survey.recorded]
+    duration = (max(map(max, recorded)) - min(map(min, recorded))) * NANOSECOND if recorded else 0.0
+    if log is not None and (len(log.tracks.stamps) or log.imu is not None):
+        duration = max(duration, log.duration)
+    return duration
+
+
 def _topic_reports(
     surveys: Collection[topic_survey.Survey], mapping: TopicMap, log: Log | None
 ) -> list[topic_survey.TopicReport]:
     """Reports of the topics by name, with shares of repeated samples."""
-    reports = {survey.channel.topic: survey.report() for survey in surveys}
-    for purpose, repeated in (_repeated_shares(log) if log is not None else {}).items():
-        stream = mapping.tracks if purpose == "tracks" else mapping.imu
-        if stream is not None and stream.topic in reports:
-            reports[stream.topic] = with_changed(reports[stream.topic], repeated_share=repeated)
+    # Of tracks only samples while they move count.
+    repeated: dict[str, float] = {}
+    if log is not None and mapping.tracks is not None:
+        speeds = log.tracks.speeds
+        is_moving = (speeds[:-1] != 0.0).any(axis=1)
+        if is_moving.any():
+            repeated[mapping.tracks.topic] = float((speeds[1:] == speeds[:-1])[is_moving].mean())
+    if log is not None and mapping.imu is not None and log.imu is not None:
+        forces = log.imu.linear_acceleration
+        rows = np.column_stack([log.imu.angular_velocity, *([] if forces is None else [forces])])
+        if len(rows) > 1:
+            repeated[mapping.imu.topic] = float((rows[1:] == rows[:-1]).all(axis=1).mean())
+    topics = {survey.channel.topic: survey for survey in surveys}
+    reports = {topic: survey.report(repeated.get(topic)) for topic, survey in topics.items()}
     return [reports[topic] for topic in sorted(reports)]
 
 
 def _estimates(
-    mapping: TopicMap, clocks: dict[str, Choice], log: Log | None, sizes: robot_file.Sizes
+    paths: Sequence[Path],
+    mapping: TopicMap,
+    definitions: Definitions,
+    sizes: robot_file.Sizes,
+    notes: list[str],
 ) -> robot_file.LogEstimates:
     """Estimate mounting, wheels, latencies, gyro bias and wander from a log."""
+    # Adds a note on each unusual unit, or on a log that cannot be read.
+    log: Log | None = None
+    clocks: dict[str, Choice] = {}
+    read = partial(gather, paths, own_mapping=False, definitions=definitions)
+    try:
+        gathered = read(mapping)
+        clocks = choose_clocks(evidence_of(gathered.streams))
+        log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
+        in_units = _with_units(mapping, log, notes)
+        if in_units is not mapping:
+            mapping = in_units
+            log = assemble(read(mapping), UNITS_OF_RADIUS, paths[0].stem)
+    except EqualStampsError:
+        raise
+    except ReplayError as problem:
+        if sizes.log:
+            raise ReplayError(f"the streams of the robot file: {problem}") from None
+        has_tables = any(is_table(file) for file in paths if file.is_file())
+        if mapping.columns is not None or not has_tables:
+            notes.append(f"the proposed topics cannot be read: {problem}")
+    estimates = robot_file.LogEstimates(mapping, clocks, log, sizes)
     if log is None:
-        return robot_file.LogEstimates(mapping, clocks, log, sizes)
+        return estimates
     mounting, vertical = _mounting_and_vertical(log)
     latencies = _latencies(log, vertical)
     aligned = _without_latencies(log, latencies)
@@ -180,17 +196,14 @@ def _estimates(
     # Counts have no scale yet, by which wheels could be estimated.
     wheel_rate = None if mapping.lacks_counts_per_turn else vertical
     correlation = mounting.turning_correlation if mounting else None
-    return robot_file.LogEstimates(
-        mapping,
-        clocks,
-        log,
-        sizes,
-        mounting,
-        vertical,
-        wheels.wheel_estimates(aligned, wheel_rate, correlation),
-        latencies,
-        None if vertical is None else gyro_bias(aligned, vertical),
-        estimate_wander(log, vertical) if log.fixes is not None else None,
+    return with_changed(
+        estimates,
+        mounting=mounting,
+        vertical=vertical,
+        wheels=wheels.wheel_estimates(aligned, wheel_rate, correlation),
+        latencies=latencies,
+        bias=None if vertical is None else gyro_bias(aligned, vertical),
+        wander=estimate_wander(log, vertical) if log.fixes is not None else None,
     )
 
 
@@ -254,9 +267,8 @@ def _with_units(mapping: TopicMap, log: Log, notes: list[str]) -> TopicMap:
     ):
         if least < fast < most:
             units["rate_unit"] = unit
-            notes.append(
-                f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for {unit}"
-            )
+            found = f"the gyro reads {fast:.3g} and more for 1 % of the time"
+            notes.append(f"{found}: taken for {unit}")
     mounting = imu_mounting.estimate_mounting(log)
     if mounting is not None and mounting.specific_force is not None:
         force = float(np.linalg.norm(mounting.specific_force))
@@ -339,21 +351,15 @@ def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_s
         with suppress(ReplayError):
             stamps, has_time = table.stamps(columns.time, columns.time_unit)
     for column in table.columns:
-        spacing = topic_survey.Spacing()
+        spacing = {}
         if columns is not None and stamps is not None:
             with suppress(ReplayError):
                 has_value = has_time
                 if column.name != columns.time:
                     has_value = has_time & ~np.isnan(table.numbers([column.name])[:, 0])
                 spacing = topic_survey.spacing(stamps[has_value])
-        yield topic_survey.TopicReport(
-            topic=column.name,
-            msgtype=column.kind,
-            frame_id=table.path.name,
-            count=column.filled,
-            clock_offset=None,
-            **spacing._asdict(),
-        )
+        name, kind, file = column.name, column.kind, table.path.name
+        yield topic_survey.TopicReport(name, kind, file, column.filled, **spacing)
 
 
 def _missing_tracks(surveys: Collection[topic_survey.Survey]) -> str:
@@ -510,30 +516,14 @@ def _rate_finding(track: by_rate.TrackByRate | None) -> Iterator[str]:
     yield f"{text} depends on the yaw rate: {narrower}, {wider}; --picture FILE draws it"
 
 
-def _bias_finding(bias: GyroBias | None) -> Iterator[str]:
-    """Finding on a gyro bias while driving; `_findings` has the one at standstill."""
+def _error_findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
+    """Findings on a gyro bias while driving, and on the error of the fixes."""
+    bias, wander = estimates.bias, estimates.wander
     if bias is not None and bias.source != "standstill":
         size = f"{bias.value:.4f} ± {bias.sigma:.4f} rad/s about the vertical while driving"
         refusal = "" if bias.differs(0.0) else ": not significant, not written"
         yield f"gyro bias: {size}, by the {bias.source}{refusal}"
-
-
-def _wander_finding(wander: FixWanderEstimate | str | None) -> Iterator[str]:
-    """Finding on the error of the fixes, or the reason why it is unknown."""
     if isinstance(wander, FixWanderEstimate):
         yield f"fixes: {wander.text}"
     elif wander is not None:
         yield f"fixes: whether their error wanders cannot be seen: {wander}"
-
-
-def _repeated_shares(log: Log) -> dict[str, float]:
-    """Shares of repeated values of moving tracks and of IMU samples, by purpose."""
-    speeds, shares = log.tracks.speeds, {}
-    is_moving = (speeds[:-1] != 0.0).any(axis=1)
-    if is_moving.any():
-        shares["tracks"] = float((speeds[1:] == speeds[:-1])[is_moving].mean())
-    if log.imu is not None and len(log.imu.stamps) > 1:
-        forces = log.imu.linear_acceleration
-        rows = np.column_stack([log.imu.angular_velocity, *([] if forces is None else [forces])])
-        shares["imu"] = float((rows[1:] == rows[:-1]).all(axis=1).mean())
-    return shares

@@ -48,14 +48,12 @@ def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) ->
     return find_lag(by_tracks, turned_in_steps(imu.stamps, vertical), least=LEAST_TURN)
 
 
-def truth_lag(
-    truth: Truth, tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats
-) -> Lag | NoLag:
+def truth_lag(truth: Truth, tracks: TrackSpeedSeries, imu: ImuSeries, rate: Floats) -> Lag | NoLag:
     """Estimate the lag of a truth, by its headings or its places."""
     # Headings are compared with the gyro. A truth without them is compared with the path by the tracks,
-    # whose speeds may have any unit. `vertical` (n,) is the rate of the IMU about the vertical [rad/s].
+    # whose speeds may have any unit. `rate` (n,) is that of the IMU about the vertical [rad/s].
     if truth.headings:
-        return find_lag(heading_of(truth.poses), turned(imu.stamps, vertical), least=LEAST_TURN)
+        return find_lag(heading_of(truth.poses), turned(imu.stamps, rate), least=LEAST_TURN)
     if not len(tracks.stamps):
         return NoLag("there are neither headings nor track speeds")
-    return find_lag(places_of(truth.poses), places_of(plain_path(tracks, imu, vertical)))
+    return find_lag(places_of(truth.poses), places_of(plain_path(tracks, imu, rate)))

@@ -17,7 +17,7 @@ from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
 from icreckon.replay.inspection.latency import objection
 from icreckon.replay.inspection.wheels import NO_WHEELS, WheelEstimates, heading_offset
 from icreckon.replay.mapping.columns import ColumnMap
-from icreckon.replay.mapping.topics import TopicMap, TrackTopic
+from icreckon.replay.mapping.topics import HeadingTopic, TopicMap, TrackTopic
 from icreckon.replay.reading.clocks import Choice
 
 FIRST_WORDS = "# Proposed by inspecting"
@@ -110,12 +110,14 @@ def _vehicle_lines(estimates: LogEstimates) -> list[str]:
     fastest, log = None, estimates.log
     if log is not None and len(log.tracks.speeds) and not estimates.mapping.lacks_counts_per_turn:
         fastest = float(np.abs(log.tracks.speeds).max())
-    lines = [
-        "[vehicle]",
-        f"mass = nan               {FILL_IN} (kg, with load)",
-        _gauge_line(estimates.effective_track),
-        _radius_line(estimates),
-    ]
+    gauge = f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)"
+    if (track := estimates.effective_track) is not None:
+        gauge = (
+            f"track_gauge = {track:.3g}    # m, the effective track ({track:.3g}): fill in the distance "
+            "between the centrelines of tracks or wheels"
+        )
+    mass = f"mass = nan               {FILL_IN} (kg, with load)"
+    lines = ["[vehicle]", mass, gauge, _radius_line(estimates)]
     # Metres per unit of the log's track speeds, which were read with a radius of 1 m.
     radius = estimates.sizes.radius or estimates.wheels.distance_ratio
     scale = radius if estimates.mapping.in_rates else 1.0
@@ -144,16 +146,6 @@ def _radius_line(estimates: LogEstimates) -> str:
     return f"sprocket_radius = {radius:.4g}    # {remark}"
 
 
-def _gauge_line(track: float | None) -> str:
-    """Key track_gauge: the effective track [m] stands in until a person measures it."""
-    if track is None:
-        return f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)"
-    return (
-        f"track_gauge = {track:.3g}    # m, the effective track ({track:.3g}): fill in the distance "
-        "between the centrelines of tracks or wheels"
-    )
-
-
 def _index_lines(estimates: LogEstimates) -> list[str]:
     """Table [indices]: steering efficiency eta0 of constant ICRs, by the gyro."""
     ratio, track = estimates.wheels.track_ratio, estimates.effective_track
@@ -161,9 +153,8 @@ def _index_lines(estimates: LogEstimates) -> list[str]:
         return []
     if track is not None:
         eta0 = max(1.0, track / (estimates.sizes.gauge or track))
-        line = (
-            f"eta0 = {eta0:.3g}    # effective track by the gyro, {track:.3g} m, over track_gauge"
-        )
+        remark = f"effective track by the gyro, {track:.3g} m, over track_gauge"
+        line = f"eta0 = {eta0:.3g}    # {remark}"
     elif ratio is not None and estimates.from_twist:
         line = (
             f"eta0 = {max(1.0, ratio):.2f}    # effective track by the gyro: {ratio:.2f} times the "
@@ -179,14 +170,12 @@ def _index_lines(estimates: LogEstimates) -> list[str]:
 def _imu_lines(estimates: LogEstimates) -> list[str]:
     """Table [imu]: mounting, gyro bias and noise densities."""
     mounting, log = estimates.mounting, estimates.log
+    if log is None or log.imu is None:
+        advice = "name its topic in [log.imu], its columns in [log.columns.imu]"
+        return [f"# No IMU found: {advice}.", ""]
     if mounting is None:
-        if log is None or log.imu is None:
-            return [
-                "# No IMU found: name its topic in [log.imu], its columns in [log.columns.imu].",
-                "",
-            ]
         return ["# The IMU's readings are absurd, and show nothing.", ""]
-    has_tracks = log is not None and len(log.tracks.stamps) > 0
+    has_tracks = len(log.tracks.stamps) > 0
     angles = ", ".join(str(_to_tenth(angle)) for angle in mounting.rotation_rpy_deg)
     lines = [*_mounting_comments(mounting), "[imu]", f"rotation_rpy_deg = [{angles}]"]
     if mounting.up_shown_by == "gravity":
@@ -204,28 +193,23 @@ def _imu_lines(estimates: LogEstimates) -> list[str]:
         )
     lines += _bias_lines(estimates.bias, has_tracks=has_tracks)
     if mounting.gyro_noise_density:
-        lines.append(
-            f"gyro_noise_density = {mounting.gyro_noise_density:.2g}"
-            "    # rad/s/√Hz, at standstill; vibration while driving adds to it"
-        )
+        remark = "rad/s/√Hz, at standstill; vibration while driving adds to it"
+        lines.append(f"gyro_noise_density = {mounting.gyro_noise_density:.2g}    # {remark}")
     if mounting.accelerometer_noise_density:
         remark = "fast vibration; slow disturbances add to it"
         if has_tracks:
             remark = "while driving, over 0.5 s, what the tracks do not explain"
-        lines.append(
-            f"accelerometer_noise_density = {mounting.accelerometer_noise_density:.2g}"
-            f"    # m/s²/√Hz, {remark}"
-        )
+        noise = f"{mounting.accelerometer_noise_density:.2g}    # m/s²/√Hz, {remark}"
+        lines.append(f"accelerometer_noise_density = {noise}")
     return [*lines, ""]
 
 
 def _bias_lines(bias: GyroBias | None, *, has_tracks: bool) -> list[str]:
     """Keys gyro_bias and gyro_bias_sigma, or a comment why there are none."""
     if bias is None or not (bias.source == "standstill" or bias.differs(0.0)):
-        reason = "no standstill of three seconds, and driving cannot show it"
-        return [
-            f"# Gyro bias: {reason if has_tracks else 'no track speeds to find a standstill by'}."
-        ]
+        if not has_tracks:
+            return ["# Gyro bias: no track speeds to find a standstill by."]
+        return ["# Gyro bias: no standstill of three seconds, and driving cannot show it."]
     error = "" if bias.source == "standstill" else f" ± {bias.sigma:.2g}, by the {bias.source}"
     sigma = float(np.hypot(STANDING_BIAS_SIGMA, bias.sigma))
     return [
@@ -243,11 +227,10 @@ def _mounting_comments(mounting: Mounting) -> list[str]:
         end = "; roll and pitch turn it upright." if by_gravity else "."
         lines = [f"# Mean specific force ({x:.2f}, {y:.2f}, {z:.2f}) m/s²{end}"]
     if by_gravity:
-        lines.append(
-            "# Yaw: accelerations follow the track speeds with it."
-            if mounting.yaw_shown
-            else f"# Yaw {FILL_IN.removeprefix('# ')}; 0 is right if the IMU's x axis points forward."
-        )
+        yaw = f" {FILL_IN.removeprefix('# ')}; 0 is right if the IMU's x axis points forward."
+        if mounting.yaw_shown:
+            yaw = ": accelerations follow the track speeds with it."
+        lines.append(f"# Yaw{yaw}")
     elif mounting.up_shown_by == "turning":
         lines.append(
             "# Roll and pitch turn that axis up about which the gyro turns as the tracks do (correlation "
@@ -307,44 +290,45 @@ def _latency_lines(latency: Lag | NoLag | None) -> list[str]:
     return [f"latency = {latency.seconds:.2f}    # s, ± {latency.sigma:.1g}: {lags} the gyro"]
 
 
-def _topic_lines(estimates: LogEstimates, track_latency: list[str], wander: list[str]) -> list[str]:
+def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str]) -> list[str]:
     """Tables [log.tracks], [log.imu], ...: topics, clocks, latency and errors."""
-    mapping, lines = estimates.mapping, list[str]()
-
-    def add_table(purpose: str, topic: str, *keys: str) -> None:
-        lines.extend(["", f"[log.{purpose}]", f"topic = {toml_value(topic)}", *keys])
+    mapping, keys_of, lines = estimates.mapping, dict[str, list[str]](), list[str]()
+    if mapping.tracks:
+        keys_of["tracks"] = _track_keys(mapping.tracks)
+    if mapping.imu:
+        rate, force = mapping.imu.rate_unit, mapping.imu.acceleration_unit
+        keys_of["imu"] = [f'rate_unit = "{rate}"'] if rate != "rad/s" else []
+        keys_of["imu"] += [f'acceleration_unit = "{force}"'] if force != "m/s2" else []
+    if mapping.fixes:
+        hint = "# Where they are a truth, as of a lidar map: [log.truth], with the topic alone."
+        sigma = mapping.fixes.position_sigma
+        errors = [f"position_sigma = {sigma}    {FILL_IN} (m)"]
+        if sigma is None or wander:
+            errors = wander
+        keys_of["fixes"] = [hint, *errors]
+    if mapping.heading:
+        keys_of["heading"] = _heading_keys(mapping.heading, estimates.log)
+    if truth := mapping.truth:
+        topics = {name: getattr(truth, name) for name in ("twist", "tracks", "source_topic")}
+        keys_of["truth"] = [f"{key} = {toml_value(name)}" for key, name in topics.items() if name]
+    for purpose, keys in keys_of.items():
+        topic = getattr(mapping, purpose).topic
+        lines += ["", f"[log.{purpose}]", f"topic = {toml_value(topic)}", *keys]
         choice = estimates.clocks.get(purpose)
         if choice is not None and choice.clock == "recording":
             lines.append(f'time = "recording"    # {choice.reason}')
-
-    if tracks := mapping.tracks:
-        add_table("tracks", tracks.topic, *_track_keys(tracks))
-        lines += track_latency
-    if imu := mapping.imu:
-        rate, force = imu.rate_unit, imu.acceleration_unit
-        keys = [f'rate_unit = "{rate}"'] if rate != "rad/s" else []
-        keys += [f'acceleration_unit = "{force}"'] if force != "m/s2" else []
-        add_table("imu", imu.topic, *keys)
-    if fixes := mapping.fixes:
-        errors = wander
-        if fixes.position_sigma is not None and not wander:
-            errors = [f"position_sigma = {fixes.position_sigma}    {FILL_IN} (m)"]
-        hint = "# Where they are a truth, as of a lidar map: [log.truth], with the topic alone."
-        add_table("fixes", fixes.topic, hint, *errors)
-    if heading := mapping.heading:
-        keys = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
-        offset = None if estimates.log is None else heading_offset(estimates.log)
-        if offset is None:
-            keys.append(f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)")
-        else:
-            remark = "course over ground less heading, if it drives forward"
-            keys.append(f"offset_deg = {_to_tenth(offset)}    # {remark}")
-        add_table("heading", heading.topic, *keys)
-    if truth := mapping.truth:
-        topics = {name: getattr(truth, name) for name in ("twist", "tracks", "source_topic")}
-        keys = [f"{name} = {toml_value(topic)}" for name, topic in topics.items() if topic]
-        add_table("truth", truth.topic, *keys)
+        lines += latency if purpose == "tracks" else []
     return lines[1:]
+
+
+def _heading_keys(heading: HeadingTopic, log: Log | None) -> list[str]:
+    """Keys of [log.heading] but its topic."""
+    keys = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
+    offset = None if log is None else heading_offset(log)
+    if offset is None:
+        return [*keys, f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)"]
+    remark = "course over ground less heading, if it drives forward"
+    return [*keys, f"offset_deg = {_to_tenth(offset)}    # {remark}"]
 
 
 def _track_keys(tracks: TrackTopic) -> list[str]:

@@ -7,7 +7,7 @@ from array import array
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -39,33 +39,26 @@ class TopicReport:
     msgtype: str  # message type
     frame_id: str  # frame of the first message, "" if it has none
     count: int  # number of messages
-    mean_rate: float | None  # one over the median interval [Hz]; None for fewer than two messages
-    largest_gap: float | None  # longest time between recorded messages [s], or None likewise
-    clock_offset: float | None  # median header stamp minus recording time [s], None without headers
+    mean_rate: float | None = None  # one over the median interval [Hz]; None for fewer than two
+    largest_gap: float | None = None  # longest time between recorded messages [s], or None likewise
+    clock_offset: float | None = None  # median header stamp minus recording time [s], None without
     gaps: int | None = None  # number of intervals longer than `GAP` times the usual one, or None
     # share of samples equal to the previous one: of the values of track speeds while the tracks
     # moved, of the samples of the IMU; None for other topics
     repeated_share: float | None = None
 
 
-class Spacing(NamedTuple):
-    """Spacing of messages in time; attributes as of `TopicReport`."""
-
-    mean_rate: float | None = None
-    largest_gap: float | None = None
-    gaps: int | None = None
-
-
-def spacing(times: Stamps) -> Spacing:
-    """Spacing of times (n,) in any order [ns]; all None for fewer than two."""
+def spacing(times: Stamps) -> dict[str, Any]:
+    """Rate and gaps of times (n,) in any order [ns], for `TopicReport`; {} if unknown."""
     times = np.sort(times)
     if len(times) < 2 or times[-1] == times[0]:
-        return Spacing()
+        return {}
     # As floats: far-off times would overflow.
     steps = np.diff(times.astype(np.float64)) * NANOSECOND
     median = float(np.median(steps))
     usual = median or float(steps.mean())  # the median is 0 if most times are equal
-    return Spacing(1.0 / usual, float(steps.max()), int((steps > GAP * median).sum()))
+    gaps = int((steps > GAP * median).sum())
+    return {"mean_rate": 1.0 / usual, "largest_gap": float(steps.max()), "gaps": gaps}
 
 
 @dataclass
@@ -74,8 +67,7 @@ class Survey:
 
     channel: Channel  # the topic and its type
     recorded: array[int] = field(default_factory=lambda: array("q"))  # times of recording [ns]
-    # header stamp minus time of recording [ns], of messages with a header
-    offsets: array[int] = field(default_factory=lambda: array("q"))
+    offsets: array[int] = field(default_factory=lambda: array("q"))  # header less recording [ns]
     frame_id: str = ""  # frame of the first message that has one
     # some decoded ones, of the types in `SHAPE_CHECKS`; the first one of other types
     messages: list[Any] = field(default_factory=list)
@@ -86,10 +78,6 @@ class Survey:
         """Most messages of the topic's type that are decoded."""
         return SAMPLES if self.channel.msgtype in SHAPE_CHECKS else 1
 
-    def wants(self, size: int) -> bool:
-        """Return True if a message of a size [bytes] is to be decoded."""
-        return len(self.messages) < self.most and self.sampled + size <= SAMPLE_BYTES
-
     def extend(self, other: Self) -> None:
         """Append the survey of the topic in another file."""
         self.recorded.extend(other.recorded)
@@ -98,15 +86,16 @@ class Survey:
         self.messages.extend(other.messages[: self.most - len(self.messages)])
         self.sampled += other.sampled
 
-    def report(self) -> TopicReport:
-        """Compute the statistics of the topic."""
+    def report(self, repeated_share: float | None) -> TopicReport:
+        """Compute the statistics of the topic, with the share of repeated samples."""
         return TopicReport(
             topic=self.channel.topic,
             msgtype=self.channel.msgtype,
             frame_id=self.frame_id,
             count=len(self.recorded),
             clock_offset=float(np.median(self.offsets) * NANOSECOND) if self.offsets else None,
-            **spacing(np.array(self.recorded, dtype=np.int64))._asdict(),
+            repeated_share=repeated_share,
+            **spacing(np.array(self.recorded, dtype=np.int64)),
         )
 
 
@@ -133,8 +122,10 @@ def survey_bag(bag: Bag, source: str, definitions: Definitions) -> tuple[list[Su
                 continue
             survey.offsets.append(stamp - record.time)
             survey.frame_id = survey.frame_id or frame_id[:LONGEST_FRAME]
-        if record.channel in decoders and survey.wants(len(record.data)):
-            survey.sampled += len(record.data)
+        sampled = survey.sampled + len(record.data)
+        has_room = len(survey.messages) < survey.most and sampled <= SAMPLE_BYTES
+        if record.channel in decoders and has_room:
+            survey.sampled = sampled
             try:
                 message = decoders[record.channel](record.data)
                 if check := SHAPE_CHECKS.get(record.channel.msgtype):

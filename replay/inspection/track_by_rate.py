@@ -87,5 +87,5 @@ def extremes(bins: Sequence[RateBin]) -> tuple[RateBin, RateBin] | None:
     pair = max(combinations(bins, 2), key=significance, default=None)
     if pair is None or significance(pair) < SURE:
         return None
-    narrower, wider = sorted(pair, key=lambda one: one.track)
+    narrower, wider = sorted(pair, key=lambda rate_bin: rate_bin.track)
     return narrower, wider

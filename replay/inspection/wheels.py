@@ -20,10 +20,7 @@ WRONG_GRAVITY = 0.03  # relative error of the mean specific force from which it 
 DEGREES = (20.0, 180.0)  # ratio to odometry's yaw rates that means degrees (57.3 without slip)
 TOO_MUCH_TURNING = 2.5  # factor by which slip hardly makes odometry overestimate the yaw rate [-]
 STRAIGHT = 1.0  # largest turning within a window at which its path is assumed an arc [rad]
-WINDOWS = {
-    "truth": 2.0,
-    "fixes": 10.0,
-}  # time over which distances are compared [s], by their source
+WINDOWS = {"truth": 2.0, "fixes": 10.0}  # time over which distances are compared [s], by source
 FEWEST_WINDOWS = 5
 FEWEST_SAMPLES = 100  # samples from which on a standard error of the effective track is estimated
 COURSE_LENGTH, COURSE_TIME, CLEAR_COURSE = 0.5, 5.0, 0.8
@@ -169,7 +166,7 @@ def unit_of_gravity(force: float) -> str:
 
 def heading_offset(log: Log) -> float | None:
     """Offset from measured heading to course over ground [deg]; None if not clear."""
-    headings = [one for one in log.others if isinstance(one, HeadingFix)]
+    headings = [other for other in log.others if isinstance(other, HeadingFix)]
     if log.fixes is None or len(log.fixes.stamps) < 2 or len(headings) < 2:
         return None
     stamps, positions = log.fixes.stamps, log.fixes.poses[:, :2]
@@ -182,7 +179,7 @@ def heading_offset(log: Log) -> float | None:
             continue
         if (stamps[row] - stamps[begin]) * NANOSECOND < COURSE_TIME:
             middle = (stamps[row] + stamps[begin]) // 2
-            nearest = min(headings, key=lambda one: abs(one.stamp - middle))
+            nearest = min(headings, key=lambda fix: abs(fix.stamp - middle))
             offsets.append(np.exp(1j * (np.arctan2(y, x) - nearest.yaw)))
         begin = row
     if len(offsets) < FEWEST_WINDOWS:

@@ -5,9 +5,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.replay.reading.wheels import TOGETHER, interpolated
 
-LONGEST = round(
-    2.0 * TOGETHER / NANOSECOND
-)  # longest time between messages that belong together [ns]
+LONGEST = round(2.0 * TOGETHER / NANOSECOND)  # time between messages that belong together [ns]
 CLEARLY_SLOWER = 0.9  # ratio of messages below which another wheel becomes the slowest [-]
 
 
@@ -28,10 +26,7 @@ class ApartWheels:
     def take(self, stamp: int, values: Floats, wrap: float | None) -> list[tuple[int, Floats]]:
         """Add a message; return the rows (k,) that it completes, with their stamps [ns].
 
-        Args:
-            stamp: its stamp [ns].
-            values: (k,) of the wheels, NaN for those that it does not have.
-            wrap: value at which counters begin again, or None.
+        Values (k,) are NaN for wheels that it does not have; counters begin again at `wrap`.
         """
         known = ~np.isnan(values)
         self._together |= bool(known.all())

@@ -17,9 +17,7 @@ class BaseFrame:
     The estimator's frame is at the centre of the tracks' contact area, as everything in a robot file.
     `odom` is where the base frame was at the start. Methods convert what is estimated of the centre: a
     pose (3,) x, y [m], yaw [rad] or a twist (3,) v_x, v_y [m/s], w [rad/s], and its covariance (3, 3).
-
-    Args:
-        offset: place of the base frame: forward, left of the centre [m], and its yaw [rad].
+    The offset of the base frame from the centre is forward, left [m], and its yaw [rad].
     """
 
     def __init__(self, offset: Pose = CENTRE) -> None:
@@ -51,12 +49,9 @@ class BaseFrame:
         return jacobian @ twist, jacobian @ covariance @ jacobian.T
 
     def pose3d(self, pose: Pose3d, planar: Floats, covariance: Floats) -> Pose3d:
-        """Pose of the base frame in three dimensions.
+        """Pose of the base frame in three dimensions, from that of the centre.
 
-        Args:
-            pose: that of the centre.
-            planar: (3,) the same of the base frame, seen from above.
-            covariance: (3, 3) its covariance.
+        `planar` (3,) is the pose of the base frame seen from above, with its covariance (3, 3).
         """
         if not self._moves:
             return pose

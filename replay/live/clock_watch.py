@@ -47,14 +47,7 @@ class ClockWatch(Generic[T]):
         self._streams: dict[str, _Stream[T]] = {}
 
     def take(self, stream: str, stamp: int, arrival: int, message: T) -> Watched[T]:
-        """Add a message.
-
-        Args:
-            stream: name of its stream.
-            stamp: its stamp [ns].
-            arrival: time of its arrival, of a clock that is never set [ns].
-            message: the message.
-        """
+        """Add a message with its stamp and its arrival, by a clock that is never set [ns]."""
         state, offset = self._streams.get(stream), stamp - arrival
         if state is None:
             self._streams[stream] = _Stream(stamp, offset)

@@ -1,7 +1,8 @@
 """Live inputs: messages of the mapped topics to measurements."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -96,11 +97,7 @@ class LiveInputs:
     _ahead_ns: int = 0  # header stamp minus arrival of the newest message
 
     def __post_init__(self) -> None:
-        """Refuse a mapping without track speeds.
-
-        Raises:
-            ReplayError: no track speeds are mapped.
-        """
+        """Refuse a mapping without track speeds (ReplayError)."""
         if self.mapping.tracks is None:
             raise ReplayError(
                 f"the robot file of {self.robot.name!r} maps no track speeds: add [log.tracks] with "
@@ -116,14 +113,14 @@ class LiveInputs:
 
     def subscriptions(self) -> list[Subscription]:
         """Topics to subscribe to."""
-        found = []
+        subscriptions = []
         for purpose, stream in self._streams.items():
             types = () if stream.any_reader is not None else tuple(stream.readers)
-            found += [
+            subscriptions += [
                 Subscription(purpose, topic, types, topic not in stream.needed)
                 for topic in stream.topics
             ]
-        return found
+        return subscriptions
 
     def fitting_types(self, subscription: Subscription) -> tuple[str, ...]:
         """Message types that can be read for a stream without the names of their fields."""
@@ -150,22 +147,20 @@ class LiveInputs:
         arrival: int,
         steady: int | None = None,
     ) -> list[Measurement]:
-        """Convert a message; arguments as of `LiveOdometry.take`.
+        """Convert a message to measurements; arguments as of `LiveOdometry.take`.
 
-        Returns:
-            Measurements that are ready: none while the clocks are not chosen, then several at once.
-            `clock_step` is that before these.
+        There are none while the clocks are not chosen, then several. `clock_step` is that before these.
 
         Raises:
             ReplayError: the type cannot be read for this stream, or a mapped field is missing.
         """
         stream = self._streams[subscription.purpose]
         self.heard.setdefault(subscription.topic, arrival)
+        topic = subscription.topic
         if isinstance(stream, TransformStream):
-            arrived = self._transforms(stream, subscription.topic, msgtype, message, arrival)
+            arrived = self._transforms(stream, topic, msgtype, message, arrival)
         else:
-            side = stream.side(subscription.topic)
-            arrived = self._arrived(side, msgtype, message, arrival)
+            arrived = self._arrived(stream.side(topic), msgtype, message, arrival)
         self.clock_step = 0
         arrived = [self._stamped(row) for row in arrived]
         if subscription.purpose in WATCHED:
@@ -288,7 +283,7 @@ class LiveInputs:
         has_clocks = all(waiting.purpose in self.clocks for waiting in self._waiting)
         if not has_clocks and not self._choose(now):
             return []
-        ready = [found for waiting in self._waiting for found in self._measurements(waiting)]
+        ready = list(chain.from_iterable(map(self._measurements, self._waiting)))
         self._waiting.clear()
         return ready
 
@@ -322,7 +317,10 @@ class LiveInputs:
                 evidence[purpose] = Evidence(stream.topic, stream.time, 0.0)
             elif rows:
                 offsets = [row.header - row.arrival for row in rows if row.header is not None]
-                offset = None if len(offsets) < len(rows) else _prompt_offset(offsets)
+                offset = None
+                if len(offsets) == len(rows):
+                    # That of a message that did not wait long.
+                    offset = float(np.quantile(offsets, PROMPT, method="lower")) * NANOSECOND
                 constant = len(rows) > 1 and len({row.header for row in rows}) == 1
                 evidence[purpose] = Evidence(stream.topic, stream.time, offset, constant)
         return evidence
@@ -341,7 +339,9 @@ class LiveInputs:
             case "tracks":
                 yield from self._tracks(stamp, rows, msgtype, mapped)
             case "imu":
-                yield _imu_sample(stamp, row)
+                x, y, z, a_x, a_y, a_z = map(float, row)
+                has_forces = not np.isnan([a_x, a_y, a_z]).all()
+                yield ImuSample(stamp, (x, y, z), (a_x, a_y, a_z) if has_forces else None)
             case "fixes":
                 yield from self._fix(stamp, rows, msgtype, mapped)
             case _:
@@ -408,15 +408,3 @@ def _track_speeds(stamp: int, wheel_speeds: Floats, left_count: int) -> TrackSpe
     if len(wheels) == 2:
         return TrackSpeeds(stamp, left, right)
     return TrackSpeeds(stamp, left, right, wheels[:left_count], wheels[left_count:])
-
-
-def _prompt_offset(offsets: list[int]) -> float:
-    """Header stamp minus arrival of a message that did not wait long [s]."""
-    return float(np.quantile(offsets, PROMPT, method="lower")) * NANOSECOND
-
-
-def _imu_sample(stamp: int, row: Sequence[float]) -> ImuSample:
-    """IMU sample of rates [rad/s] and forces [m/s²]; three NaN are no accelerometer."""
-    x, y, z, a_x, a_y, a_z = (float(value) for value in row)
-    absent = np.isnan([a_x, a_y, a_z]).all()
-    return ImuSample(stamp, (x, y, z), None if absent else (a_x, a_y, a_z))

@@ -32,10 +32,7 @@ def missing_manoeuvres(
 ) -> list[str]:
     """Manoeuvres by which uncertain states become known, each with these states.
 
-    Args:
-        names: names of the states.
-        sigmas: their standard deviations; 0 for those that are not estimated.
-        fixes: whether the robot has position fixes.
+    Standard deviations of states that are not estimated are 0. `fixes`: the robot has position fixes.
     """
     sigma_of, unknown = dict(zip(names, sigmas, strict=False)), dict[str, list[str]]()
     for need in NEEDS:

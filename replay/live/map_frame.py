@@ -49,12 +49,9 @@ class MapFrame:
         self._placed = placed
 
     def take(self, group: list[Measurement], odom: PoseEstimator, *, in_odom: bool) -> None:
-        """Update with measurements of one stamp.
+        """Update with measurements of one stamp; `odom` has all of them but the fixes.
 
-        Args:
-            group: the measurements.
-            odom: the estimator of the pose in `odom`, updated with all of them but the fixes.
-            in_odom: whether the fixes are said to be in `odom`.
+        `in_odom`: the fixes are said to be in `odom`.
         """
         if self._placed is not None and odom.stamp is not None:
             learnt = odom if self.estimator is None else self.estimator
@@ -67,7 +64,9 @@ class MapFrame:
             if isinstance(measurement, HeadingFix):
                 self._heading = measurement
         fix = next((part for part in group if isinstance(part, PositionFix)), None)
-        if fix is None or odom.stamp is None or not _is_usable(fix):
+        if fix is None or odom.stamp is None:
+            return
+        if not (np.isfinite([fix.x, fix.y, fix.variance]).all() and fix.variance > 0.0):
             return
         self.estimator = self._started(fix, odom, in_odom=in_odom)
         if self.estimator is not None:
@@ -147,7 +146,3 @@ def _agrees(heading: HeadingFix, odom: PoseEstimator) -> bool:
     difference = float(wrap_angle(heading.yaw - odom.pose[2]))
     both_sigmas = math.sqrt(heading.variance) + math.sqrt(float(odom.pose_covariance[2, 2]))
     return abs(difference) <= CLEAR * both_sigmas
-
-
-def _is_usable(fix: PositionFix) -> bool:
-    return bool(np.isfinite([fix.x, fix.y, fix.variance]).all()) and fix.variance > 0.0

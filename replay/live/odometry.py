@@ -108,16 +108,6 @@ class LiveOdometry:
             and its yaw [rad].
         odom_frame: frame of fixes that are in `odom`.
 
-    Attributes:
-        inputs: converter of the messages.
-        odom: estimator without fixes.
-        map: map frame; None without fixes and start.
-        tracks: newest track speeds; None before the first.
-        warm: whether parameters were read from a file.
-        set_aside: warning of a file of learnt parameters that could not be used, or empty.
-        assumed_topics: whether the robot file maps no track speeds, and topics are those of
-            `icreckon simulate`.
-
     Raises:
         EstimatorError: an invalid setting.
         ReplayError: no topic for the track speeds.
@@ -144,18 +134,20 @@ class LiveOdometry:
         if not use_fixes:
             mapping = TopicMap(tracks=mapping.tracks, imu=mapping.imu)
         self.robot, self.base, self.odom_frame = robot, BaseFrame(base_offset), odom_frame
-        self.assumed_topics = "tracks" not in robot.log
+        self.assumed_topics = "tracks" not in robot.log  # they are those of `icreckon simulate`
         self.inputs = LiveInputs(robot, mapping)
         self._saved, self._settings, self._variant = saved, settings, variant
-        self.warm, self.set_aside = False, ""
-        self.odom = self._begin()
+        self.warm = False  # True if learnt parameters were read from a file
+        self.set_aside = ""  # warning of such a file that could not be used
+        self.odom = self._begin()  # estimator without fixes
         start = None if start_pose is None else Placed(self.base.centre(start_pose), START_SIGMA)
+        # None without fixes and start.
         self.map = MapFrame(start) if start or mapping.fixes is not None else None
         self._buffer = ReorderBuffer(reorder)
         self._interval = round(1.0 / highest_rate / NANOSECOND) if highest_rate else 0
         self._history = round(self.odom.settings.history / NANOSECOND)
         self._newest: int | None = None
-        self.tracks: TrackSpeeds | None = None
+        self.tracks: TrackSpeeds | None = None  # newest ones
 
     def take(
         self,
@@ -165,18 +157,11 @@ class LiveOdometry:
         arrival: int,
         steady: int | None = None,
     ) -> list[LiveEstimate]:
-        """Process a message.
+        """Process a message; return new estimates, in the order of their stamps.
 
-        Args:
-            subscription: one of `inputs.subscriptions()`.
-            msgtype: its type, as "sensor_msgs/msg/Imu".
-            message: the message, with the attributes of its type.
-            arrival: time of arrival [ns].
-            steady: that time by a clock that nobody sets, which shows header stamps that jump ahead
-                [ns]; None for `arrival`.
-
-        Returns:
-            New estimates, in the order of their stamps.
+        The message has the attributes of its type, as "sensor_msgs/msg/Imu", and came on one of
+        `inputs.subscriptions()`. `arrival` is its time of arrival [ns], `steady` that by a clock that
+        nobody sets, which shows header stamps that jump ahead [ns]; None for `arrival`.
 
         Raises:
             ReplayError: the type cannot be read for this stream.
@@ -192,21 +177,15 @@ class LiveOdometry:
         return before + self._process(measurements)
 
     def flush(self, now: int) -> list[LiveEstimate]:
-        """Process what waits although no more messages come.
-
-        Args:
-            now: present time [ns], of the clock of arrivals.
-        """
+        """Process what waits although no more messages come, at `now` by their clock [ns]."""
         estimates = self._process(self.inputs.flush(now))
         return estimates + list(self._estimates(self._buffer.take_all()))
 
     def restart(self, now: int | None = None) -> None:
         """Start again at the origin with the learnt parameters.
 
-        A lost filter starts with those of the file, see `loss_of`.
-
-        Args:
-            now: time to which the clock of arrivals went back [ns], None if it did not.
+        A lost filter starts with those of the file, see `loss_of`. `now` is the time to which the clock
+        of arrivals went back [ns], None if it did not.
         """
         self.odom = self._begin() if loss_of(self.odom) else self.odom.restarted()
         self.inputs.restart(now)
@@ -218,12 +197,8 @@ class LiveOdometry:
     def place(self, pose: Pose, covariance: ArrayLike) -> bool:
         """Start the map again at a pose, with the next messages; `odom` goes on.
 
-        Args:
-            pose: of the base frame in map: x, y [m], yaw [rad].
-            covariance: (3, 3) its covariance; zeros are unknown.
-
-        Returns:
-            False if there is no map: without fixes and start pose.
+        The pose is that of the base frame in map: x, y [m], yaw [rad], with its covariance (3, 3), of
+        which zeros are unknown. Returns False if there is no map: without fixes and start pose.
 
         Raises:
             EstimatorError: a value is not finite, or a variance is negative.
@@ -315,15 +290,10 @@ class LiveOdometry:
         if fixed is not None and fixed.stamp is not None:
             in_map = self.base.pose_in_map(fixed.pose, fixed.pose_covariance)
             of_map = fixed.state, fixed.covariance
+        in_odom = self.base.pose_in_odom(pose, covariance)
+        twist = self.base.twist(odom.twist, odom.twist_covariance)
         return LiveEstimate(
-            odom.stamp,
-            *self.base.pose_in_odom(pose, covariance),
-            *self.base.twist(odom.twist, odom.twist_covariance),
-            odom.indices,
-            *in_map,
-            self.base,
-            odom,
-            of_map,
+            odom.stamp, *in_odom, *twist, odom.indices, *in_map, self.base, odom, of_map
         )
 
 
@@ -355,8 +325,8 @@ def loss_of(estimator: PoseEstimator) -> str:
 def _set_aside(saved: Path) -> str:
     """Rename a file that cannot be used, and describe that."""
     place = saved.resolve()
-    names = (place.with_name(f"{place.name}.unusable-{k}") for k in count(1))
-    aside = next(one for one in names if not one.exists())
+    candidates = (place.with_name(f"{place.name}.unusable-{k}") for k in count(1))
+    aside = next(path for path in candidates if not path.exists())
     if not place.is_file():
         return f"{saved} is not a file: starting cold, and nothing is saved"
     try:

@@ -21,11 +21,7 @@ class _Held(NamedTuple):
 
 
 class ReorderBuffer:
-    """Buffer that holds measurements until no older ones are to be expected.
-
-    Args:
-        wait: span of stamps for which a measurement is held, 0 for none [s].
-    """
+    """Buffer that holds measurements for a wait [s], until older ones have come."""
 
     def __init__(self, wait: float) -> None:
         self._wait = round(wait / NANOSECOND)
@@ -52,4 +48,5 @@ class ReorderBuffer:
         ready = []
         while self._heap and self._heap[0].measurement.stamp < until:
             ready.append(heapq.heappop(self._heap).measurement)
-        return [list(group) for _, group in groupby(ready, key=lambda one: one.stamp)]
+        by_stamp = groupby(ready, key=lambda measurement: measurement.stamp)
+        return [list(group) for _, group in by_stamp]

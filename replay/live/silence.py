@@ -23,12 +23,12 @@ def silent_topic(
     types = set(fitting)
     others = sorted(name for name, offered in available.items() if types & set(offered))
     if not others:
-        found = f"there is none of type {' or '.join(sorted(types))}" if types else ""
+        offer = f"there is none of type {' or '.join(sorted(types))}" if types else ""
     else:
         more = f" and {len(others) - MOST_NAMES} more" if len(others) > MOST_NAMES else ""
-        found = f"of a fitting type there is {', '.join(others[:MOST_NAMES])}{more}"
+        offer = f"of a fitting type there is {', '.join(others[:MOST_NAMES])}{more}"
     return (
-        f"{purpose}: nobody has published {topic} for {waited:.0f} s{'; ' if found else ''}{found}; name "
+        f"{purpose}: nobody has published {topic} for {waited:.0f} s{'; ' if offer else ''}{offer}; name "
         f"the topic in [log.{purpose}] of the robot file"
     )
 

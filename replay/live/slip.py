@@ -16,9 +16,7 @@ class SlipWatch:
     """Watch over the slip of the tracks; call `look` several times a second.
 
     A robot is stuck if two calls in a row indicate it: at a start, its tracks are briefly ahead of it.
-
-    Args:
-        gauge: track gauge [m].
+    The gauge is that of the tracks [m].
     """
 
     def __init__(self, gauge: float) -> None:
@@ -29,7 +27,7 @@ class SlipWatch:
         findings = estimator.health.findings
         forward, sideways, w = estimator.twist.tolist()
         # During a slide the filter keeps the speed of the tracks, and makes it uncertain.
-        forward += sum(one.size or 0.0 for one in findings if one.fault == "sliding")
+        forward += sum(finding.size or 0.0 for finding in findings if finding.fault == "sliding")
         # Turning on the spot is slip by the gauge: whether it is stuck is judged by the effective track.
         width = self._gauge * min(max(1.0, estimator.indices.eta), MOST_ETA)
         ratios, shares = {}, []
@@ -41,7 +39,7 @@ class SlipWatch:
         stuck = "the tracks drive and the robot does not"
         flags = {"stuck": stuck if before and self._stands else ""}
         for fault in ("spinning", "sliding"):
-            flags[fault] = "; ".join(one.text for one in findings if one.fault == fault)
+            flags[fault] = "; ".join(finding.text for finding in findings if finding.fault == fault)
         values = {f"{side}_ratio": f"{ratio:.4f}" for side, ratio in ratios.items()}
         values["sideways_m_s"] = f"{sideways:.4f}"
         text = ", ".join(f"{side} {ratio:.2f}" for side, ratio in ratios.items())

@@ -1,5 +1,6 @@
 """Statuses of a live run for /diagnostics: estimate, sensors, parameters, clocks."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -8,7 +9,7 @@ import numpy as np
 from icreckon.estimator.base.lag_search import BEYOND
 from icreckon.estimator.base.state import STATE_NAMES
 from icreckon.estimator.filter.fault_table import Finding
-from icreckon.estimator.filter.health import Health, SensorHealth, TiltHealth
+from icreckon.estimator.filter.health import SensorHealth, TiltHealth
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.diagnostic_status import (
     ERROR,
@@ -62,7 +63,10 @@ class LiveStatuses:
         if newest.stamp is not None:
             statuses.append(_parameters(newest, fixes=live.inputs.mapping.fixes is not None))
             statuses += self._never_heard()
-        statuses.append(self._faults(health))
+        tracks = live.inputs.mapping.tracks
+        joints = (tracks.left, tracks.right) if tracks else ((), ())
+        findings = [named_wheels(finding, *joints) for finding in health.findings]
+        statuses.append(findings_status(findings, health.times, health.slip_factor))
         if health.tilt is not None:
             statuses.append(tilt_status(health.tilt))
         statuses += [self._messages(), self._clocks(), self._latency(newest)]
@@ -71,7 +75,8 @@ class LiveStatuses:
     def _estimate(self, frame: str, estimator: PoseEstimator) -> DiagnosticStatus:
         name = f"icreckon: pose in {frame}"
         if estimator.stamp is None:
-            topics = ", ".join(one.topic for one in self._live.inputs.subscriptions())
+            subscriptions = self._live.inputs.subscriptions()
+            topics = ", ".join(subscription.topic for subscription in subscriptions)
             return DiagnosticStatus(ERROR, name, f"no estimate yet; listening to {topics}", {})
         if loss := loss_of(estimator):
             text = f"{loss}; call the service ~/reset, or restart the node. Until then nothing is saved"
@@ -93,25 +98,24 @@ class LiveStatuses:
     ) -> DiagnosticStatus:
         """Status of an estimate, with faults of the tracks since the last report."""
         health, stamp = estimator.health, estimator.stamp or 0
-        gaps, stuck = health.track_gaps, health.times.get("stuck", 0)
-        stamp_before, gaps_before, stuck_before = self._estimates.get(frame, (-1, 0, 0))
-        self._estimates[frame] = stamp, gaps, stuck
-        if (stamp, gaps, stuck) == (stamp_before, gaps_before, stuck_before):
+        now = stamp, health.track_gaps, health.times.get("stuck", 0)
+        before = self._estimates.get(frame, (-1, 0, 0))
+        self._estimates[frame] = now
+        if now == before:
             text = f"no estimate since the last report; {status.message}"
             return status._replace(level=STALE, message=text)
-        texts = []
+        (_, gaps, stuck), (_, gaps_before, stuck_before) = now, before
+        text = status.message
         if gaps > gaps_before:
-            texts.append("a gap in the track speeds was bridged")
+            text += "; a gap in the track speeds was bridged"
         if stuck > stuck_before:
-            texts.append("the sensor of a track repeats its reading and is not trusted")
-        if not texts:
-            return status
-        return status._replace(level=WARN, message=f"{status.message}; {'; '.join(texts)}")
+            text += "; the sensor of a track repeats its reading and is not trusted"
+        return status if text == status.message else status._replace(level=WARN, message=text)
 
     def _never_heard(self) -> list[DiagnosticStatus]:
         """Status of an IMU from which nothing has come, though the robot is reckoned."""
         inputs = self._live.inputs
-        topics = {one.topic for one in inputs.subscriptions() if one.purpose == IMU}
+        topics = {topic for purpose, topic, *_ in inputs.subscriptions() if purpose == IMU}
         if not topics or any(topic in inputs.heard for topic in topics):
             return []
         text = f"nothing has come on {', '.join(sorted(topics))}: the heading is that of the tracks"
@@ -138,25 +142,14 @@ class LiveStatuses:
     def _messages(self) -> DiagnosticStatus:
         """Messages that could not be used since the last report."""
         lost, name = self._live.inputs.lost, "icreckon: messages"
-        new = {
-            reason: count - self._lost.get(reason, 0)
-            for reason, count in lost.items()
-            if count > self._lost.get(reason, 0)
-        }
+        new = Counter(lost) - Counter(self._lost)
         self._lost = dict(lost)
         values = {reason: str(count) for reason, count in lost.items()}
         if not new:
             return DiagnosticStatus(OK, name, "all since the last report can be used", values)
-        text = "; ".join(f"{reason} ({count})" for reason, count in new.items())
-        return DiagnosticStatus(
-            WARN, name, f"not usable since the last report, with counts: {text}", values
-        )
-
-    def _faults(self, health: Health) -> DiagnosticStatus:
-        tracks = self._live.inputs.mapping.tracks
-        names = (tracks.left, tracks.right) if tracks else ((), ())
-        findings = [named_wheels(one, *names) for one in health.findings]
-        return findings_status(findings, health.times, health.slip_factor)
+        counts = "; ".join(f"{reason} ({count})" for reason, count in new.items())
+        text = f"not usable since the last report, with counts: {counts}"
+        return DiagnosticStatus(WARN, name, text, values)
 
     def _clocks(self) -> DiagnosticStatus:
         inputs = self._live.inputs
@@ -189,9 +182,8 @@ class LiveStatuses:
             return DiagnosticStatus(OK, name, "tracks: not enough turning yet to see it", values)
         estimated = stated["tracks"] + health.estimated
         values["tracks_estimated_s"] = f"{estimated:.3f} +- {health.sigma:.3f}"
-        text = (
-            f"tracks: {used:.2f} s taken off, turning shows {estimated:.2f} +- {health.sigma:.2f} s"
-        )
+        shown = f"turning shows {estimated:.2f} +- {health.sigma:.2f} s"
+        text = f"tracks: {used:.2f} s taken off, {shown}"
         has_changed = abs(estimated - used) > max(CHANGED_LATENCY, BEYOND * health.sigma)
         return DiagnosticStatus(WARN if has_changed else OK, name, text, values)
 
@@ -199,9 +191,8 @@ class LiveStatuses:
 def sensor_status(name: str, sensor: SensorHealth, new: Counts) -> DiagnosticStatus:
     """Status of a sensor, from its counts since the last report."""
     values = {"used": str(sensor.used), "late": str(sensor.late)}
-    values |= {
-        f"rejected: {reason}": str(count) for reason, count in sorted(sensor.rejected.items())
-    }
+    rejected = sorted(sensor.rejected.items())
+    values |= {f"rejected: {reason}": str(count) for reason, count in rejected}
     nis = sensor.recent_nis
     if nis is not None:
         values["nis_recent"] = f"{nis:.3f}"
@@ -270,9 +261,10 @@ def parameter_statuses(estimator: PoseEstimator) -> list[DiagnosticStatus]:
 
 def _parameters(estimator: PoseEstimator, *, fixes: bool) -> DiagnosticStatus:
     """Parameters in short, and the manoeuvres that are missing."""
-    values = {one.name: one.message for one in parameter_statuses(estimator)}
-    estimated = [one for one in estimator.parameter_health.values() if one.sigma_at_start]
-    shown = sum(one.excited for one in estimated)
+    values = {status.name: status.message for status in parameter_statuses(estimator)}
+    of_parameters = estimator.parameter_health.values()
+    estimated = [health for health in of_parameters if health.sigma_at_start]
+    shown = sum(health.excited for health in estimated)
     text = f"{shown} of {len(estimated)} shown by the present motion" if estimated else "kept fixed"
     sigmas = np.sqrt(estimator.covariance.diagonal())
     if missing := missing_manoeuvres(STATE_NAMES, sigmas, fixes=fixes):

@@ -42,8 +42,7 @@ from icreckon.estimator.robot.soil import Soil
 if TYPE_CHECKING:
     from icreckon.simulation.contact.contact_forces import Ground
 
-# A vehicle that tips over on less is a mistake of units: tangent of the slope's angle.
-LEAST_TIPPING_SLOPE = 0.05
+LEAST_TIPPING_SLOPE = 0.05  # tangent of the slope; who tips over on less has a mistake of units
 
 
 class ContactGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -51,8 +50,7 @@ class ContactGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     gauge: Positive  # distance L between the track centrelines [m]
     positions: tuple[float, ...]  # forward coordinates of the contact points of a track, rising [m]
-    # share of each point in the load under even pressure, on any common scale; () for equal shares
-    weights: tuple[Positive, ...] = ()
+    weights: tuple[Positive, ...] = ()  # shares of an even load, on any scale; () for equal ones
     # outward offsets of the contact points from the centreline [m]; more than one spreads each position
     # evenly over the tread's width
     across: tuple[float, ...] = (0.0,)
@@ -146,10 +144,8 @@ class ContactPoints(NamedTuple):
 def equally_spaced(gauge: float, half_length: float, count: int) -> ContactGeometry:
     """Make evenly spaced contact points from end to end of each track.
 
-    Args:
-        gauge: distance L between the track centrelines [m].
-        half_length: half the length of a track's contact with the ground [m].
-        count: contact points per track, at least 2.
+    The gauge L is between the track centrelines, `half_length` half the length of a contact [m],
+    `count` the number of points, at least 2.
     """
     positions = np.linspace(-half_length, half_length, count)
     return ContactGeometry(gauge, tuple(float(position) for position in positions))
@@ -163,11 +159,8 @@ def contact_points(geometry: ContactGeometry) -> ContactPoints:
     weights = np.array(geometry.weights or (1.0,) * len(geometry.positions))
     weights = np.repeat(weights, len(geometry.across))
     right = 0.5 * geometry.gauge + across
-    points = ContactPoints(
-        np.concatenate([-right, right]),
-        np.concatenate([along, along]),
-        np.concatenate([weights, weights]) / (2.0 * weights.sum()),
-    )
+    x, y = np.concatenate([-right, right]), np.concatenate([along, along])
+    points = ContactPoints(x, y, np.concatenate([weights, weights]) / (2.0 * weights.sum()))
     for values in points:
         values.setflags(write=False)  # cached, so all callers share these arrays
     return points
@@ -176,17 +169,12 @@ def contact_points(geometry: ContactGeometry) -> ContactPoints:
 def vertical_loads(contact: Contact, right: Any = 0.0, forward: Any = 0.0) -> Loads:
     """Loads of the contact points under the weight and a force at the centre of mass.
 
-    Loads are planar over the points that touch and zero at those that lift off:
-    p = weight max(0, a + b x + c y). They solve a convex problem: minimise sum(p^2 / weight) subject to
-    the balance of force and moments and p >= 0. The solution is unique while the weight and the force
-    together point inside the contact. It is found by Newton's iteration over the set of touching points,
-    with a line search on the dual function, which ends at the exact set.
-
-    Args:
-        contact: geometry and centre of mass.
-        right: (n,) force at the centre of mass to the right [N]: inertia, and gravity's part along a
-            slope.
-        forward: (n,) that force forward [N].
+    The force (n,) to the right and forward [N] is that of inertia, and gravity's part along a slope.
+    Loads are planar over the points that touch and zero at those that lift off: p = weight max(0, a + b
+    x + c y). They solve a convex problem: minimise sum(p^2 / weight) subject to the balance of force
+    and moments and p >= 0. The solution is unique while the weight and the force together point inside
+    the contact. Newton's iteration over the set of touching points, with a line search on the dual
+    function, ends at the exact set.
     """
     from icreckon.simulation.contact.contact_forces import loads_of_many
 
@@ -205,12 +193,7 @@ def vertical_loads(contact: Contact, right: Any = 0.0, forward: Any = 0.0) -> Lo
 def steady_inertia(twist: PaperTwist, body: Body) -> Any:
     """Force of inertia in steady motion, (4) and (10), and moment about the origin.
 
-    Args:
-        twist: velocity of the origin, (n,) each.
-        body: mass and centre of mass, at which the force acts.
-
-    Returns:
-        (3, n) force right, forward [N], moment [N m].
+    From twists (n,) of the origin to (3, n): force right, forward [N], moment [N m].
     """
     right, forward = inertial_force(twist, body.mass, body.x_CM, body.y_CM)
     return np.stack([right, forward, body.x_CM * forward - body.y_CM * right])
@@ -220,15 +203,12 @@ def ground(contact: Contact) -> Ground:
     """Convert a contact to the plain numbers of the compiled equations."""
     from icreckon.simulation.contact.contact_forces import Ground
 
-    soil, body = contact.soil, contact.body
-    points = contact_points(contact.geometry)
+    soil, geometry, body = contact.soil, contact.geometry, contact.body
     return Ground(
-        points.x,
-        points.y,
-        points.weight,
-        _even_loads(contact.geometry),
-        0.5 * contact.geometry.gauge,
-        _outline(contact.geometry),
+        *contact_points(geometry),
+        _even_loads(geometry),
+        0.5 * geometry.gauge,
+        _outline(geometry),
         np.array([soil.coefficients, soil.coefficients]),
         np.full(2, soil.rolling_resistance),
         soil.shear_modulus,

@@ -42,8 +42,9 @@ class Ground(NamedTuple):
     half_gauge: float  # L / 2 [m]
     # half width, rear and front end of the rectangle around all points [m]
     outline: tuple[float, float, float]
-    # (2, 2) coefficients across and along the track, of the left and the right one [-]
-    friction: Floats
+    friction: (
+        Floats  # (2, 2) coefficients across and along the track, of the left and the right one [-]
+    )
     rolling_resistance: Floats  # (2,) coefficients of the left and the right track [-]
     shear_modulus: float  # K [m], 0 for full friction at any slip
     small: float  # regularising speed [m/s]
@@ -117,15 +118,10 @@ class PointLoads(NamedTuple):
 def add_track_forces(
     ground: Ground, twist: Any, speeds: Any, pressing: PointLoads, values: Any, jacobian: Any
 ) -> None:
-    """Add the ground's force and moment (3,) on both tracks; derivatives (3, COLUMNS).
+    """Add the ground's force and moment on both tracks, and their derivatives.
 
-    Args:
-        ground: the contact.
-        twist: v_x, v_y [m/s], w [rad/s], as a tuple.
-        speeds: V_l and V_r of the left and the right track [m/s], as a tuple.
-        pressing: loads of the contact points.
-        values: (3,) added to [N, N, N m].
-        jacobian: (3, COLUMNS) added to: by v_x, v_y, w, V_l, V_r, and the force at the centre of mass.
+    They are added to `values` (3,) [N, N, N m] and `jacobian` (3, COLUMNS). The tuples `twist` and
+    `speeds` are v_x, v_y [m/s], w [rad/s], and V_l, V_r of the left and the right track [m/s].
     """
     v_x, v_y, w = twist
     V_l, V_r = speeds
@@ -199,22 +195,32 @@ def add_track_forces(
             jacobian[0, column] -= of_x
             jacobian[1, column] -= of_y
             jacobian[2, column] -= of_moment
-        resistance = ground.rolling_resistance[track]
-        if resistance > 0.0:
-            X = ground.half_gauge if track else -ground.half_gauge
-            speed = v_y + X * w if ground.opposes_travel else V
-            scale = 1.0 / np.sqrt(speed * speed + small * small)
-            unit = -resistance * speed * scale
-            slope = -resistance * load * scale * scale * scale * small * small
-            for row, lever in ((1, 1.0), (2, X)):
-                values[row] += lever * load * unit
-                jacobian[row, 5] += lever * right_load * unit
-                jacobian[row, 6] += lever * forward_load * unit
-                if ground.opposes_travel:
-                    jacobian[row, 1] += lever * slope
-                    jacobian[row, 2] += lever * X * slope
-                else:
-                    jacobian[row, V_column] += lever * slope
+        if ground.rolling_resistance[track] > 0.0:
+            track_loads = load, right_load, forward_load
+            _add_rolling_resistance(ground, track, twist, V, track_loads, values, jacobian)
+
+
+@compiled
+def _add_rolling_resistance(
+    ground: Ground, track: int, twist: Any, V: Any, loads: Any, values: Any, jacobian: Any
+) -> None:
+    """Add the rolling resistance of a track, by its load [N] and its derivatives."""
+    (_, v_y, w), (load, right_load, forward_load) = twist, loads
+    resistance, small = ground.rolling_resistance[track], ground.small
+    X = ground.half_gauge if track else -ground.half_gauge
+    speed = v_y + X * w if ground.opposes_travel else V
+    scale = 1.0 / np.sqrt(speed * speed + small * small)
+    unit = -resistance * speed * scale
+    slope = -resistance * load * scale * scale * scale * small * small
+    for row, lever in ((1, 1.0), (2, X)):
+        values[row] += lever * load * unit
+        jacobian[row, 5] += lever * right_load * unit
+        jacobian[row, 6] += lever * forward_load * unit
+        if ground.opposes_travel:
+            jacobian[row, 1] += lever * slope
+            jacobian[row, 2] += lever * X * slope
+        else:
+            jacobian[row, 3 + track] += lever * slope
 
 
 @compiled
@@ -269,11 +275,8 @@ def loads_of_many(
 def mass_matrix(mass: float, x_CM: float, y_CM: float, yaw_inertia: float) -> Floats:
     """Mass matrix (3, 3) about the origin of v_x, v_y, w.
 
-    Args:
-        mass: M [kg].
-        x_CM: centre of mass, right of the origin [m].
-        y_CM: centre of mass, forward of the origin [m].
-        yaw_inertia: moment of inertia about the vertical through the centre of mass [kg m²].
+    Of a mass [kg] at (x_CM, y_CM) right and forward of the origin [m], with a moment of inertia about the
+    vertical through it [kg m²].
     """
     matrix = np.zeros((3, 3))
     matrix[0, 0] = matrix[1, 1] = mass
@@ -307,14 +310,10 @@ def newton_of_many(
 ) -> None:
     """Newton's iteration with step halving, until solved, stuck, or out of steps.
 
-    Args:
-        ground: the contact.
-        V: (n, 2) track speeds [m/s].
-        steps: evaluations of the balance after the first.
-        tolerance: largest component of the residual of a solved pair, as a share of the weight
-            (moments: of the weight times half the gauge).
-        twist: (n, 3) guesses; overwritten with the best twist found [m/s, m/s, rad/s].
-        residual: (n,) overwritten with the largest component of the residual, in these shares.
+    Guesses `twist` (n, 3) [m/s, m/s, rad/s] for track speeds V (n, 2) [m/s] are overwritten with the
+    best ones, and `residual` (n,) with their largest component of the balance, as a share of the weight
+    (moments: of the weight times half the gauge). A pair is solved at `tolerance`; `steps` are
+    evaluations after the first.
 
     Raises:
         ValueError: an array has the wrong size.

@@ -25,13 +25,12 @@ def contact_of(robot: Robot) -> Contact:
     """
     vehicle = robot.vehicle
     try:
-        return Contact(
-            Soil() if robot.soil is None else robot.soil,
-            equally_spaced(
-                vehicle.track_gauge, vehicle.half_contact_length, vehicle.contact_points
-            ),
-            Body(vehicle.mass, *robot.centre_of_mass_paper, vehicle.centre_of_mass[2]),
+        soil = Soil() if robot.soil is None else robot.soil
+        geometry = equally_spaced(
+            vehicle.track_gauge, vehicle.half_contact_length, vehicle.contact_points
         )
+        body = Body(vehicle.mass, *robot.centre_of_mass_paper, vehicle.centre_of_mass[2])
+        return Contact(soil, geometry, body)
     except ValueError as error:
         raise EstimatorError(
             f"{robot.name}: no contact with the ground: {error}; correct [vehicle], or simulate with "
@@ -54,11 +53,8 @@ def slow_turns(contact: Contact) -> IndexValues:
 def robot_remarks(robot: Robot, truth: str) -> list[str]:
     """Return warnings about a robot file that makes friction simulations misleading.
 
-    It has a centre of mass without height, or an eta0 far from that of its contact.
-
-    Args:
-        robot: the robot.
-        truth: name of the scenario's truth; only `FRICTION` has warnings.
+    It has a centre of mass without height, or an eta0 far from that of its contact. `truth` is the name
+    of the scenario's truth; only `FRICTION` has warnings.
     """
     if truth != FRICTION:
         return []

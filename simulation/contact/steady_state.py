@@ -47,8 +47,7 @@ SPEED_STEPS = (16, 64)  # rising speeds: numbers of steps, coarse first
 YAW_SHARES = np.linspace(0.1, 1.1, 11)
 FORWARD_SHARES = np.linspace(-1.0, 1.0, 17)
 LATERAL_SHARES = (-0.2, 0.0, 0.2)
-# First guess: effective gauge over gauge of a typical skid-steer vehicle.
-TYPICAL_ETA = 2.5
+TYPICAL_ETA = 2.5  # first guess: effective gauge over gauge of a typical skid-steer vehicle
 MOST_NAMED_PAIRS = 8
 
 
@@ -63,8 +62,9 @@ class SteadyMotion:
     # gauge) [-]
     residual: Floats
     converged: NDArray[np.bool_]  # True if the residual is at most `CONVERGED`
-    # True if the force of inertia points outside the contact, so that the vehicle would tip
-    tipping: NDArray[np.bool_]
+    tipping: NDArray[
+        np.bool_
+    ]  # True if the force of inertia points outside the contact: it would tip
 
     def require_converged(self) -> Self:
         """Return the motions if all converged.
@@ -94,13 +94,9 @@ class SteadyMotion:
 def solve_steady(
     V_l: ArrayLike, V_r: ArrayLike, contact: Contact, *, strict: bool = True
 ) -> SteadyMotion:
-    """Solve for the stationary motion of each pair of track speeds.
+    """Solve for the stationary motion of each pair of track speeds [m/s].
 
-    Args:
-        V_l: speed of the left track [m/s]; broadcasts with V_r.
-        V_r: speed of the right track [m/s].
-        contact: soil, contact geometry and body.
-        strict: True to raise an error if a pair does not converge.
+    They broadcast. If `strict`, a pair that does not converge is an error.
 
     Raises:
         SimulationError: a track speed is not finite, or (strict) some pairs did not converge.

@@ -51,22 +51,18 @@ def make_contact(parameters: ContactParameters) -> Contact:
     try:
         even = equally_spaced(AURIGA_ALPHA.gauge, parameters.half_length, parameters.points)
         inner = (1.0,) * (parameters.points - 2)
-        return Contact(
-            Soil(
-                friction=parameters.friction,
-                longitudinal_friction=parameters.friction * parameters.friction_ratio,
-                rolling_resistance=parameters.rolling_resistance,
-                resistance_opposes=parameters.resistance_opposes,
-                shear_modulus=parameters.shear_modulus,
-            ),
-            ContactGeometry(
-                even.gauge,
-                even.positions,
-                weights=(parameters.end_weight, *inner, parameters.end_weight),
-                across=(-half, 0.0, half) if half > 0.0 else (0.0,),
-            ),
-            Body(AURIGA_ALPHA.mass, AURIGA_ALPHA.x_CM, AURIGA_ALPHA.y_CM, parameters.z_CM),
+        weights = parameters.end_weight, *inner, parameters.end_weight
+        across = (-half, 0.0, half) if half > 0.0 else (0.0,)
+        soil = Soil(
+            friction=parameters.friction,
+            longitudinal_friction=parameters.friction * parameters.friction_ratio,
+            rolling_resistance=parameters.rolling_resistance,
+            resistance_opposes=parameters.resistance_opposes,
+            shear_modulus=parameters.shear_modulus,
         )
+        geometry = ContactGeometry(even.gauge, even.positions, weights=weights, across=across)
+        body = Body(AURIGA_ALPHA.mass, AURIGA_ALPHA.x_CM, AURIGA_ALPHA.y_CM, parameters.z_CM)
+        return Contact(soil, geometry, body)
     except ValueError as error:
         raise SimulationError(f"these contact parameters make no sense: {error}") from error
 

@@ -32,6 +32,10 @@ from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact.steady_state import SteadyMotion
 
 Inertia = Literal["measured", "literal", "smooth"]
+MOTION_COLUMNS = (
+    "V_l_m_s,V_r_m_s,v_x_m_s,v_y_m_s,w_rad_s,x_ICRl_m,x_ICRr_m,y_ICR_m,zeta_m,epsilon_m,eta,"
+    "F_x_N,F_y_N,F_N"
+)
 
 
 @dataclass(frozen=True)
@@ -43,8 +47,7 @@ class DynamicMap:
 
     motion: SteadyMotion  # track speeds and twists
     vehicle: VehicleConstants  # L, M and the centre of mass
-    # mask of V_l unlike V_r; only there are ICRs and indices finite, elsewhere NaN
-    turning: NDArray[np.bool_]
+    turning: NDArray[np.bool_]  # mask of V_l unlike V_r; elsewhere ICRs and indices are NaN
     icrs: Icrs  # ICRs of the tracks, (1) to (3) [m]
     indices: IndexValues  # zeta, epsilon [m], eta [-], (17) to (19)
     inertia: tuple[Floats, Floats]  # force of inertia right and forward [N], (10)
@@ -59,25 +62,13 @@ class VelocityErrors(NamedTuple):
 
 
 def map_of(motion: SteadyMotion, vehicle: VehicleConstants) -> DynamicMap:
-    """Make the map of stationary motions.
-
-    Args:
-        motion: stationary motions, on a grid of track speeds or at any.
-        vehicle: L, M and the centre of mass.
-    """
+    """Make the map of stationary motions, on a grid of track speeds or at any."""
     turning = (motion.V_l != motion.V_r) & (motion.twist.w != 0.0)
     turning_twist = PaperTwist(*(np.where(turning, part, np.nan) for part in motion.twist))
     icrs = icrs_from_twist(motion.V_l, motion.V_r, turning_twist)
-    right, forward = inertial_force(motion.twist, vehicle.mass, vehicle.x_CM, vehicle.y_CM)
-    return DynamicMap(
-        motion=motion,
-        vehicle=vehicle,
-        turning=turning,
-        icrs=icrs,
-        indices=indices_from_icrs(icrs, vehicle.gauge),
-        inertia=(right, forward),
-        magnitude=np.hypot(right, forward),
-    )
+    inertia = inertial_force(motion.twist, vehicle.mass, vehicle.x_CM, vehicle.y_CM)
+    indices, magnitude = indices_from_icrs(icrs, vehicle.gauge), np.hypot(*inertia)
+    return DynamicMap(motion, vehicle, turning, icrs, indices, inertia, magnitude)
 
 
 def on_spot_line(mapped: DynamicMap) -> float:
@@ -85,10 +76,8 @@ def on_spot_line(mapped: DynamicMap) -> float:
 
     On that line the centre of mass moves only laterally, so its forward velocity changes sign. For each
     V_r except zero the crossing along V_l is interpolated linearly. H is the slope of the line through
-    the origin that fits the crossings best (least squares).
-
-    Args:
-        mapped: a map over a grid, V_l rising along the first axis, V_r along the second.
+    the origin that fits the crossings best (least squares). V_l of the map rises along the first axis,
+    V_r along the second.
 
     Raises:
         SimulationError: not a grid, or no crossing on it.
@@ -115,13 +104,9 @@ def inertia_based_twist(
 ) -> PaperTwist:
     """Twists of the inertia-based kinematics at the map's track speeds.
 
-    Equations (20) to (22) and (25) to (27).
-
-    Args:
-        mapped: the map.
-        parameters: the eight index parameters.
-        inertia: "measured" for the map's |F|, as from an IMU; "literal" or "smooth" for |F| implied by
-            the model itself (`icreckon.estimator.motion.index_model.solve` in that form).
+    Equations (20) to (22) and (25) to (27). `inertia` is "measured" for the map's |F|, as from an IMU;
+    "literal" or "smooth" for |F| implied by the model itself
+    (`icreckon.estimator.motion.index_model.solve` in that form).
     """
     V_l, V_r = mapped.motion.V_l, mapped.motion.V_r
     if inertia != "measured":
@@ -139,14 +124,9 @@ def constant_twist(mapped: DynamicMap, icrs: ConstantIcr) -> PaperTwist:
 
 
 def rmse(twist: PaperTwist, truth: PaperTwist, counted: Any = ...) -> PaperTwist:
-    """Root mean squared error of each velocity component.
-
-    Args:
-        twist: estimated twists, arrays of one shape.
-        truth: true twists, arrays of that shape.
-        counted: mask of the motions that count; all by default.
-    """
-    errors = (found[counted] - true[counted] for found, true in zip(twist, truth, strict=True))
+    """RMSE of each velocity component, over the `counted` motions (mask)."""
+    parts = zip(twist, truth, strict=True)
+    errors = (estimated[counted] - true[counted] for estimated, true in parts)
     return PaperTwist(*(float(np.sqrt(np.mean(error**2))) for error in errors))
 
 
@@ -155,26 +135,10 @@ def write_motions(path: Path, mapped: DynamicMap) -> None:
 
     X is right, Y forward. ICRs and indices of motions that do not turn are empty cells.
     """
-    motion, icrs, indices = mapped.motion, mapped.icrs, mapped.indices
-    columns = {
-        "V_l_m_s": motion.V_l,
-        "V_r_m_s": motion.V_r,
-        "v_x_m_s": motion.twist.v_x,
-        "v_y_m_s": motion.twist.v_y,
-        "w_rad_s": motion.twist.w,
-        "x_ICRl_m": icrs.x_ICRl,
-        "x_ICRr_m": icrs.x_ICRr,
-        "y_ICR_m": icrs.y_ICR,
-        "zeta_m": indices.zeta,
-        "epsilon_m": indices.epsilon,
-        "eta": indices.eta,
-        "F_x_N": mapped.inertia[0],
-        "F_y_N": mapped.inertia[1],
-        "F_N": mapped.magnitude,
-    }
-    lines = [",".join(columns)]
-    lines += [
-        ",".join("" if np.isnan(value) else f"{value:.9g}" for value in row)
-        for row in np.stack([values.ravel() for values in columns.values()], axis=-1).tolist()
-    ]
+    speeds = mapped.motion.V_l, mapped.motion.V_r
+    motion = *speeds, *mapped.motion.twist, *mapped.icrs, *mapped.indices
+    columns = [np.ravel(column) for column in (*motion, *mapped.inertia, mapped.magnitude)]
+    rows = np.stack(columns, axis=-1).tolist()
+    texts = [["" if np.isnan(value) else f"{value:.9g}" for value in row] for row in rows]
+    lines = [MOTION_COLUMNS, *map(",".join, texts)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -5,7 +5,6 @@ The largest steering efficiency is not printed: it is read off a figure, and lis
 """
 
 from dataclasses import dataclass
-from decimal import Decimal
 from functools import cache
 
 from icreckon.estimator.motion.icr import PaperTwist
@@ -31,18 +30,10 @@ class PublishedNumber:
         """Value of the number [unit]."""
         return float(self.printed)
 
-    @property
-    def decimals(self) -> int:
-        """Number of published digits after the point."""
-        return max(0, -int(Decimal(self.printed).as_tuple().exponent))
-
     def rounds_from(self, reproduced: float) -> bool:
-        """Return True if a reproduced value rounds to the published digits.
-
-        Args:
-            reproduced: the value [unit]; False for NaN.
-        """
-        half = 0.5 * 10.0**-self.decimals
+        """Return True if a value [unit] rounds to the published digits; False for NaN."""
+        _, _, decimals = self.printed.partition(".")
+        half = 0.5 * 10.0 ** -len(decimals)
         return abs(reproduced - self.value) <= half * (1.0 + ROUNDING_NOISE)
 
     def difference_percent(self, reproduced: float) -> float:
@@ -83,11 +74,7 @@ AURIGA_ALPHA = VehicleConstants(gauge=0.42, mass=258.0, x_CM=-0.015, y_CM=0.04)
 
 @cache
 def published(name: str) -> PublishedNumber:
-    """Published number by its name.
-
-    Raises:
-        KeyError: an unknown name.
-    """
+    """Published number by its name; KeyError if it is unknown."""
     return {number.name: number for number in (*PUBLISHED, *READ_OFF)}[name]
 
 
@@ -103,9 +90,5 @@ def published_mean_icrs() -> ConstantIcr:
 
 
 def published_errors(model: str) -> PaperTwist:
-    """Column of Table II [m/s, m/s, rad/s].
-
-    Args:
-        model: "inertia" or "constant".
-    """
+    """Column of Table II [m/s, m/s, rad/s], of the model "inertia" or "constant"."""
     return PaperTwist(*(published(f"rmse_{model}_{part}").value for part in PaperTwist._fields))

@@ -46,20 +46,13 @@ class Reading(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     # force input of Table II's inertia-based model: "measured", that of the stationary motion, or that
     # of the model itself in the "literal" or "smooth" form
     inertia: Inertia = "measured"
-    # largest inertia of motions in means and fits [N]; None for all
-    largest_inertia: float | None = None
-    # least difference of track speeds of motions in means and fits [m/s]
-    least_difference: float = 0.0
-    # True if Table II counts straight motions, which both models follow without error
-    straight: bool = True
+    largest_inertia: float | None = None  # of motions in means and fits [N]; None for all
+    least_difference: float = 0.0  # of the track speeds of motions in means and fits [m/s]
+    straight: bool = True  # True if Table II counts straight motions, which both models follow
 
 
 def read_means(mapped: DynamicMap, reading: Reading) -> ConstantIcr:
     """Constant ICRs of a map [m] (section II).
-
-    Args:
-        mapped: the map.
-        reading: method of the means.
 
     Raises:
         SimulationError: nothing turns, or the means are not those of a skid-steer vehicle.
@@ -80,12 +73,9 @@ def read_means(mapped: DynamicMap, reading: Reading) -> ConstantIcr:
 
 
 def read_parameters(mapped: DynamicMap, reading: Reading, H: float | None = None) -> Indices:
-    """Eight index parameters of a map: H, and the fits of (25) to (27).
+    """Eight index parameters of a map over a grid: H, and the fits of (25) to (27).
 
-    Args:
-        mapped: the map, over a grid of track speeds.
-        reading: method of the fit.
-        H: ratio of track speeds of on-spot turning; from `on_spot_line` by default.
+    H, the ratio of track speeds of on-spot turning, is from `on_spot_line` by default.
 
     Raises:
         SimulationError: too few motions, or a fit that is not that of a skid-steer vehicle.
@@ -114,13 +104,9 @@ def read_parameters(mapped: DynamicMap, reading: Reading, H: float | None = None
 def read_errors(
     mapped: DynamicMap, parameters: Indices, icrs: ConstantIcr, reading: Reading
 ) -> VelocityErrors:
-    """Table II of a map: velocity errors (RMSE) of both models.
+    """Table II of a map, the truth: velocity errors (RMSE) of both models.
 
-    Args:
-        mapped: the map, the truth.
-        parameters: parameters of the inertia-based model.
-        icrs: ICRs of the constant model.
-        reading: force of inertia, and motions that count.
+    The inertia-based model has the parameters, the constant one the ICRs.
     """
     # Index of the motions that count: all (...), or the mask of those that turn.
     counted = ... if reading.straight else mapped.turning

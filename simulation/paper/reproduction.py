@@ -71,19 +71,14 @@ class InterceptCheck(NamedTuple):
     needed: float  # mean of s|F| at which the published fit (26) gives it [N]
     # range of `needed` over all values that round to the published digits [N]
     needed_range: tuple[float, float]
-    # mean of s|F| by the published parameters at the paper's track speeds [N]
-    of_published_model: float
+    of_published_model: float  # mean of s|F| by the published parameters [N]
     of_map: float  # mean of s|F| of the reproduced motions [N]
     mean_eta: float  # mean efficiency by the published mean ICRs, (19) [-]
     mean_eta_by_fit: float  # mean efficiency by (27) with the published model's own inertia [-]
 
 
 def paper_map(parameters: ContactParameters, *, count: int = 21) -> DynamicMap:
-    """Stationary motions of Auriga-alpha over the paper's grid of track speeds.
-
-    Args:
-        parameters: the contact.
-        count: speeds per track, 21 for the paper's 441 pairs.
+    """Stationary motions of Auriga-alpha over the paper's grid, by default 21 x 21.
 
     Raises:
         SimulationError: an invalid contact, or pairs without a stationary motion.
@@ -96,10 +91,6 @@ def numbers(
     mapped: DynamicMap, reading: Reading
 ) -> tuple[dict[str, float], ConstantIcr, Indices, VelocityErrors]:
     """Reproduced value of every published number, by its name, and their sources.
-
-    Args:
-        mapped: the map.
-        reading: method that derives the numbers from it.
 
     Raises:
         SimulationError: the map gives no valid ICRs or parameters.
@@ -147,22 +138,10 @@ def within(rows: tuple[Row, ...], percent: float) -> int:
 def table_2_with_published_parameters(
     mapped: DynamicMap, reading: Reading
 ) -> dict[Inertia, VelocityErrors]:
-    """Table II of a map, with the paper's parameters and mean ICRs instead of fits.
-
-    Args:
-        mapped: the map, the truth.
-        reading: motions that count.
-
-    Returns:
-        Errors for each source of the force of inertia.
-    """
+    """Table II of a map with the paper's numbers instead of fits, by `INERTIAS`."""
     parameters, icrs = published_parameters(), published_mean_icrs()
-    return {
-        inertia: read_errors(
-            mapped, parameters, icrs, msgspec.structs.replace(reading, inertia=inertia)
-        )
-        for inertia in INERTIAS
-    }
+    readings = {key: msgspec.structs.replace(reading, inertia=key) for key in INERTIAS}
+    return {key: read_errors(mapped, parameters, icrs, each) for key, each in readings.items()}
 
 
 def map_of_published_model() -> DynamicMap:
@@ -202,7 +181,6 @@ def check_intercepts(mapped: DynamicMap) -> InterceptCheck:
 def _signed_inertia(mapped: DynamicMap) -> Floats:
     """|F| sign(x_1) sign(x_2) of all turning motions, with the published H [N]."""
     turning, motion = mapped.turning, mapped.motion
-    x_1, x_2 = symmetry_coordinates(
-        motion.V_l[turning], motion.V_r[turning], published_parameters().H
-    )
+    H = published_parameters().H
+    x_1, x_2 = symmetry_coordinates(motion.V_l[turning], motion.V_r[turning], H)
     return np.asarray(mapped.magnitude[turning] * np.sign(x_1) * np.sign(x_2))

@@ -43,8 +43,7 @@ from icreckon.simulation.study.statistics import (
     statistics,
 )
 
-# Enough for the true motions of a few concurrent blocks; cells that share them are consecutive.
-KEPT_TRUTHS = 160
+KEPT_TRUTHS = 160  # enough for a few concurrent blocks; cells that share them are consecutive
 # Degrees of freedom of each sensor's innovations.
 DEGREES = {"gyro": 1.0, "accelerometer_x": 1.0, "accelerometer_y": 1.0, "position": 2.0}
 
@@ -61,7 +60,7 @@ def why_not(plan: Plan) -> str | None:
         if encoders.dropouts_per_hour > 0.0 and scenario.track_rate > scenario.imu_rate:
             return f"in cell {cell.index}, encoders with dropouts are faster than the IMU"
         lowest_rate = min(scenario.imu_rate, scenario.track_rate, scenario.fix_rate or np.inf)
-        for settings in (one.settings for one in cell.filters):
+        for settings in (spec.settings for spec in cell.filters):
             if 1.0 / lowest_rate > 0.5 * settings.longest_gap:
                 return f"in cell {cell.index}, samples are further apart than half the longest_gap"
             if 1.0 / scenario.imu_rate > settings.hold:
@@ -82,7 +81,7 @@ def block(
     batch_filters = [
         BatchFilter(spec.robot, find_variant(spec.variant), spec.settings) for spec in filters
     ]
-    schedule = _schedule(cell)
+    track_stamps, truth_stamps, steps, segments = _schedule(cell)
     width = batch_filters[0].width  # lanes, as many for each filter
     slowest = min(spec.robot.vehicle.max_track_speed for spec in filters)
     for begin in range(0, count, width):
@@ -91,37 +90,24 @@ def block(
         runs = [first_run + begin + min(lane, used_lanes - 1) for lane in range(width)]
         truths = [_truth(cell, run) for run in runs]
         logs = [_log(cell, run, truth) for run, truth in zip(runs, truths, strict=True)]
-        absurd_lanes = [
-            lane for lane in range(used_lanes) if has_absurd_readings(logs[lane], slowest)
-        ]
-        measured = _measured(logs, filters, schedule.track_stamps)
-        results = work_through_runs(
-            batch_filters, measured, schedule.steps, start=np.zeros(3), start_sigma=np.zeros(3)
-        )
+        absurd = [lane for lane in range(used_lanes) if has_absurd_readings(logs[lane], slowest)]
+        measured, start = _measured(logs, filters, track_stamps), np.zeros(3)
+        results = work_through_runs(batch_filters, measured, steps, start=start, start_sigma=start)
         ticks = zip(*(truth.ticks for truth in truths), strict=True)
         true_ticks = TrueTicks(*(np.stack(of_lanes, axis=1) for of_lanes in ticks))
         group = slice(begin, begin + used_lanes)
         for label, batch_filter, result in zip(values, batch_filters, results, strict=True):
-            path = side_by_side(schedule.truth_stamps, result)
-            errors = path_statistics(path, true_ticks, schedule.segments)
+            path = side_by_side(truth_stamps, result)
+            errors = path_statistics(path, true_ticks, segments)
             rows = np.stack([*errors, *_consistency(batch_filter, result)], axis=-1)
             values[label][group] = rows[:used_lanes]
             reasons[label][group] = _losses(path, times)[:used_lanes]
-        for lane in absurd_lanes:
+        for lane in absurd:
             # A run that the streaming filter rejects must not take the other lanes with it.
             for label, scores in study_streaming.block(cell, filters, runs[lane], 1).items():
                 values[label][begin + lane] = scores.values[0]
                 reasons[label][begin + lane] = scores.reasons[0]
     return {label: RunScores(values[label], tuple(reasons[label])) for label in values}
-
-
-class _Schedule(NamedTuple):
-    """Stamps, steps and scored segments that all runs of a cell share."""
-
-    track_stamps: Stamps
-    truth_stamps: Stamps
-    steps: Steps
-    segments: list[Segments]
 
 
 def _stamps(scenario: Scenario) -> tuple[Stamps, Stamps, Stamps, Stamps]:
@@ -137,14 +123,14 @@ def _stamps(scenario: Scenario) -> tuple[Stamps, Stamps, Stamps, Stamps]:
     return tracks, imu, to_stamps(fixes), to_stamps(score_times(scenario))
 
 
-def _schedule(cell: Cell) -> _Schedule:
-    """Schedule of a cell; its stamps do not depend on the run."""
+def _schedule(cell: Cell) -> tuple[Stamps, Stamps, Steps, list[Segments]]:
+    """Stamps of tracks and truth, steps, and scored segments of all runs of a cell."""
     tracks, imu, fixes, truth = _stamps(cell.scenario)
     errors = fix_errors(cell.scenario.fixes, noise_preset(cell.scenario.noise))
     steps = steps_of(tracks, imu, fixes, truth, heading=errors.heading_sigma is not None)
     begin, end = min(tracks[0], imu[0]), max(tracks[-1], imu[-1])
     segments = scored_segments(truth, cell.horizons, fixes, int(begin), int(end))
-    return _Schedule(tracks, truth, steps, segments)
+    return tracks, truth, steps, segments
 
 
 class _Truth(NamedTuple):
@@ -163,16 +149,10 @@ def _truth(cell: Cell, run: int) -> _Truth:
 def as_sensed_perfectly(scenario: Scenario) -> Scenario:
     """Scenario reduced to the keys that affect error-free sensor readings."""
     latency = fix_errors(scenario.fixes, noise_preset(scenario.noise)).latency
-    defaults = Scenario()
-    return msgspec.structs.replace(
-        scenario,
-        noise=defaults.noise,
-        outages=(),
-        encoders=defaults.encoders,
-        gyro=defaults.gyro,
-        accelerometer=defaults.accelerometer,
-        fixes=FixSpec(latency=latency),  # decides which poses the fixes measure
-    )
+    keys = ("noise", "outages", "encoders", "gyro", "accelerometer")
+    defaults = {key: getattr(Scenario(), key) for key in keys}
+    # The latency decides which poses the fixes measure.
+    return msgspec.structs.replace(scenario, **defaults, fixes=FixSpec(latency=latency))
 
 
 @lru_cache(KEPT_TRUTHS)
@@ -196,16 +176,14 @@ def _log(cell: Cell, run: int, truth: _Truth) -> Log:
     return Log(name=f"run {run}", tracks=read.tracks, imu=read.imu.series, fixes=read.fixes)
 
 
-def _measured(
-    logs: Sequence[Log], filters: Sequence[Filter], track_stamps: Stamps
-) -> list[Measured]:
+def _measured(logs: Sequence[Log], filters: Sequence[Filter], tracks: Stamps) -> list[Measured]:
     """Inputs of each filter; filters with the same model of the IMU share one object."""
     by_imu: dict[bytes, Measured] = {}
     of_filters = []
     for spec in filters:
         key = msgpack.encode(spec.robot.imu)
         if key not in by_imu:
-            by_imu[key] = measured_of(logs, spec.robot, track_stamps)
+            by_imu[key] = measured_of(logs, spec.robot, tracks)
         of_filters.append(by_imu[key])
     return of_filters
 

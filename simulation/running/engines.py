@@ -30,12 +30,6 @@ class Block(Protocol):
         run's index, those of drive and truth by the index modulo `cell.truths`. So cells and filters are
         paired, run by run.
 
-        Args:
-            cell: cell of the runs.
-            filters: filters of the cell to run.
-            first_run: index of the first run.
-            count: number of runs.
-
         Returns:
             Label of the filter -> statistics (count, n) of the runs, and reasons of those that failed.
         """
@@ -72,11 +66,7 @@ ENGINES = {
 
 
 def choose_engine(plan: Plan, wanted: str | None = None) -> Engine:
-    """Choose the engine for a study.
-
-    Args:
-        plan: the study.
-        wanted: name of an engine or "auto"; None for the study's setting.
+    """Choose the engine for a study: a wanted one, "auto", or None for the study's.
 
     Raises:
         SimulationError: no such engine, or one that cannot run this study (the message says why).

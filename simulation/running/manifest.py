@@ -43,7 +43,7 @@ def manifest(plan: Plan, engine: Engine) -> Plain:
         "truths": study.true_motions,
         "baseline": study.compared_with,
         "seeds": {"study": study.seed, "streams": SEEDING},
-        "statistics": [one.name for one in statistics(study.horizons)],
+        "statistics": [statistic.name for statistic in statistics(study.horizons)],
         "axes": [
             {"name": axis.name, "scale": axis.scale, "sampled": axis.sampled} for axis in plan.axes
         ],
@@ -63,7 +63,7 @@ def digest(plan: Plan, engine: Engine) -> str:
         "format": FORMAT,
         "engine": engine.name,
         "block_runs": engine.block_runs,
-        "statistics": [one.name for one in statistics(plan.study.horizons)],
+        "statistics": [statistic.name for statistic in statistics(plan.study.horizons)],
         "versions": computing_versions(),
         "cells": [_cell_content(cell) for cell in plan.cells],
         "recordings": {str(file): _file_digest(file) for file in files},

@@ -4,7 +4,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,22 +36,19 @@ class Progress:
 
 
 Report = Callable[[Progress], None]
-# Statistics, reasons and versions, see `work`.
-Worked = tuple[Floats, Reasons, dict[str, str]]
+Worked = tuple[Floats, Reasons, dict[str, str]]  # statistics, reasons and versions, see `work`
 
 
 def work(engine: Engine, cell: Cell, first_run: int, count: int) -> Worked:
     """Compute a block on the worker: `count` runs of a cell from run `first_run` on.
 
-    If the block raises an exception, its runs are repeated one by one, and only those that raise it again
-    fail.
-
-    Returns:
-        Statistics (filters, runs, statistics), NaN for failed runs; reasons of failed runs (filters,
-        runs), empty for the others; and the versions of the packages that compute.
+    If the block raises an exception, its runs are repeated one by one, and only those that raise it
+    again fail. The result is the statistics (filters, runs, statistics), NaN for failed runs, the
+    reasons of failed runs (filters, runs), empty for the others, and the versions of the packages that
+    compute.
     """
     block = engine.block
-    filters = {one.label: one for one in cell.filters}
+    filters = {spec.label: spec for spec in cell.filters}
     try:
         scores_by_label = block(cell, cell.filters, first_run, count)
     except MemoryError:
@@ -68,14 +65,9 @@ def work(engine: Engine, cell: Cell, first_run: int, count: int) -> Worked:
 
 
 class Runner:
-    """Runner of a study: computes all blocks that the store does not have.
+    """Runner of a study: computes all blocks (jobs) that the store does not have.
 
-    Args:
-        plan: the study.
-        engine: engine that computes the blocks.
-        jobs: all blocks of the study.
-        store: store of finished blocks.
-        report: called at the start and after each block.
+    `report` is called at the start and after each block.
     """
 
     def __init__(
@@ -86,24 +78,20 @@ class Runner:
         store: BlockStore,
         report: Report | None,
     ) -> None:
-        self._plan, self._engine, self._store, self._report = plan, engine, store, report
+        self._plan, self._engine, self._store = plan, engine, store
+        self._report = report or (lambda _: None)
         self._waiting = deque(job for job in jobs if store.read(job) is None)
-        self._all = len(jobs)
-        self._found = self._all - len(self._waiting)
-        self._runs, self._left = 0, sum(self._runs_of(job) for job in self._waiting)
-        self._finished = self._found
+        found, left = len(jobs) - len(self._waiting), sum(map(self._runs_of, self._waiting))
+        self._progress = Progress(found, len(jobs), found, runs=0, runs_left=left)
         self._lost: Counter[Job] = Counter()
 
     def run(self, open_workplace: OpenWorkplace) -> None:
-        """Run until all blocks are finished.
-
-        Args:
-            open_workplace: opens the workers; called again if they have died.
+        """Run until all blocks are finished; workers that died are opened again.
 
         Raises:
             SimulationError: a block fails, or its workers die repeatedly.
         """
-        self._report_progress()
+        self._report(self._progress)
         while self._waiting:
             # If workers die, all submitted blocks are queued again; the next workplace is new.
             with open_workplace() as workplace, suppress(BrokenExecutor):
@@ -144,19 +132,19 @@ class Runner:
             if type(problem).__name__ in CLUSTER_LOSSES:
                 self._lose(job, problem)
                 return
-            raise SimulationError(
-                f"{self._named(job)}: {type(problem).__name__}: {problem}"
-            ) from problem
+            text = f"{self._named(job)}: {type(problem).__name__}: {problem}"
+            raise SimulationError(text) from problem
         if versions != computing_versions():
             raise SimulationError(
                 f"a worker computes with {versions}, and this command with {computing_versions()}: "
                 "results would be a mixture; give all workers the same versions"
             )
         self._store.write(job, values, reasons)
-        self._finished += 1
-        self._runs += self._runs_of(job)
-        self._left -= self._runs_of(job)
-        self._report_progress()
+        done, runs = self._progress, self._runs_of(job)
+        self._progress = replace(
+            done, blocks=done.blocks + 1, runs=done.runs + runs, runs_left=done.runs_left - runs
+        )
+        self._report(self._progress)
 
     def _lose(self, job: Job, problem: BaseException) -> None:
         """Queue a block again whose worker has died."""
@@ -176,7 +164,3 @@ class Runner:
 
     def _runs_of(self, job: Job) -> int:
         return job.count * len(self._plan.labels)
-
-    def _report_progress(self) -> None:
-        if self._report is not None:
-            self._report(Progress(self._finished, self._all, self._found, self._runs, self._left))

@@ -22,13 +22,11 @@ MANIFEST = "manifest.json"
 RESULTS = "results.json"
 # Errors of reading a file with any byte changed.
 UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile)
-# Key of the manifest with the names of the files that were written, for `--overwrite`.
-FILES = "files"
+FILES = "files"  # key of the manifest with the names of written files, for `--overwrite`
 # Most differences that a message lists; those of `UNLISTED` follow from others, or are harmless.
 MOST_LISTED = 4
 UNLISTED = ("cells:", "axes:", "name:", "configuration.name:", "runs:", "configuration.runs:")
-# Reasons of failed runs, by filter and run; empty for the others.
-Reasons = NDArray[np.str_]
+Reasons = NDArray[np.str_]  # of failed runs, by filter and run; empty for the others
 
 
 @dataclass(frozen=True)
@@ -51,13 +49,7 @@ def jobs_of(plan: Plan, block_runs: int) -> list[Job]:
 
 
 class BlockStore:
-    """Store of blocks in the folder of a study.
-
-    Args:
-        folder: the folder.
-        digest: digest of the study.
-        shape: number of filters and of statistics.
-    """
+    """Store of the blocks of a study; `shape` is (filters, statistics)."""
 
     def __init__(self, folder: Path, digest: str, shape: tuple[int, int]) -> None:
         self.folder = folder
@@ -104,11 +96,7 @@ def open_store(
 ) -> BlockStore:
     """Open the folder of a study, new or to be continued, and write its manifest.
 
-    Args:
-        folder: the folder.
-        manifest: manifest of the study.
-        shape: number of filters and of statistics.
-        overwrite: True if another study there may be deleted.
+    `shape` is the number of filters and of statistics; `overwrite` deletes another study.
 
     Raises:
         SimulationError: the folder has other content, or cannot be written.
@@ -168,11 +156,11 @@ def _refuse_others(folder: Path, manifest: dict[str, Any]) -> None:
 
 def _remove_other_study(folder: Path, manifest: dict[str, Any]) -> None:
     """Replace another study's manifest, and delete its blocks and the files listed."""
-    found = _read_manifest(folder)
-    if found is None or found["digest"] == manifest["digest"]:
+    other = _read_manifest(folder)
+    if other is None or other["digest"] == manifest["digest"]:
         return
     shutil.rmtree(folder / BLOCKS, ignore_errors=True)
-    for name in _written_files(found):
+    for name in _written_files(other):
         (folder / name).unlink(missing_ok=True)
     _write_manifest(folder, manifest, [])
 

@@ -66,13 +66,10 @@ def block(
 
 @np.errstate(all="ignore")
 def _run(log: Log, chosen: Filter, times: Floats) -> Run:
-    """Run a filter over a log, with a row at each of the given times (n,) [s].
-
-    Times before the filter's first estimate have no row.
+    """Run a filter over a log; a row at each time [s] from its first estimate on.
 
     Raises:
-        LostFilter: the filter raises an unexpected exception, or its estimate is not finite, has negative
-            variances, or is implausible.
+        LostFilter: the filter raises an unexpected exception, or its estimate is impossible.
     """
     estimator = PoseEstimator(chosen.robot, chosen.variant, settings=chosen.settings)
     stamps_left = deque(to_stamps(times).tolist())
@@ -111,21 +108,16 @@ def study_log(cell: Cell, run_index: int) -> Log:
     its truth, which are those of `score_times`.
     """
     scenario, robot = cell.scenario, cell.robot
-    # Encoded, as true motions are cached by their arguments.
-    scenario_data, robot_data = encoded_drive(scenario), msgpack.encode(robot)
+    # Reduced to the keys that affect the true motion, and encoded: they are the key of its cache.
+    defaults = {field.name: field.default for field in msgspec.structs.fields(Scenario)}
+    driven = msgspec.structs.replace(scenario, **{name: defaults[name] for name in SENSED})
+    scenario_data, robot_data = msgpack.encode(driven), msgpack.encode(robot)
     motion = true_motion(scenario_data, robot_data, run_index % cell.truths)
     streams = random_streams(scenario.seed, run_index)
     read = sensed(perfect(motion, scenario, robot), scenario, robot, streams)
     truth = truth_of(motion, score_times(scenario))
     name = f"{robot.name} {scenario.trajectory} seed {scenario.seed} run {run_index}"
     return Log(name=name, tracks=read.tracks, imu=read.imu.series, fixes=read.fixes, truth=truth)
-
-
-def encoded_drive(scenario: Scenario) -> bytes:
-    """Scenario reduced to the keys that affect the true motion, encoded."""
-    defaults = {field.name: field.default for field in msgspec.structs.fields(Scenario)}
-    plain = {name: defaults[name] for name in SENSED}
-    return msgpack.encode(msgspec.structs.replace(scenario, **plain))
 
 
 @lru_cache(KEPT_MOTIONS)

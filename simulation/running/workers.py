@@ -11,8 +11,7 @@ from urllib.parse import urlsplit
 from icreckon.estimator.base.worker_processes import worker_processes
 from icreckon.simulation.base.errors import SimulationError
 
-# Blocks queued per worker: it is never idle, and little is lost if it dies.
-AHEAD = 2
+AHEAD = 2  # blocks queued per worker: it is never idle, and little is lost if it dies
 CONNECT_SECONDS = 20.0
 THREADS = "study"
 
@@ -67,18 +66,15 @@ def cluster(address: str) -> Iterator[Workplace]:
     except (OSError, ValueError, TypeError) as problem:
         raise SimulationError(f"no cluster at {address!r}: {problem}") from None
     try:
-        yield Workplace(
-            client.get_executor(), lambda: AHEAD * max(1, sum(client.nthreads().values()))
-        )
+        threads = client.nthreads
+        yield Workplace(client.get_executor(), lambda: AHEAD * max(1, sum(threads().values())))
     finally:
         client.close()
 
 
 def _require_listener(address: str) -> None:
-    """Reject an address at which nothing listens.
-
-    The client would wait for its timeout. Addresses that are no TCP sockets are left to it.
-    """
+    """Reject an address at which nothing listens, for which the client would wait."""
+    # Addresses that are no TCP sockets are left to the client.
     parts = urlsplit(address if "://" in address else f"tcp://{address}")
     if parts.scheme not in {"tcp", "tls"}:
         return

@@ -33,8 +33,7 @@ ROBOT, TRUE_ROBOT, FILTER = "robot", "true_robot", "filter"
 ROBOTS = (ROBOT, TRUE_ROBOT, FILTER)
 OUTAGE = "outage"
 LEAST_NOISE = 1e-9  # A filter takes no noise of exactly zero
-# A grid's axis is logarithmic if its largest value is at least this many times the smallest.
-LOG_SPAN = 20.0
+LOG_SPAN = 20.0  # least ratio of a grid's largest value to its smallest for a logarithmic axis
 
 Scale = Literal["linear", "log", "names"]
 Value = str | float | bool
@@ -46,8 +45,7 @@ class Axis:
 
     name: str  # the dotted key, or the name of the cases
     scale: Scale  # scale of its values in figures
-    # all values, in their order in the study; ascending for a Latin hypercube
-    values: tuple[Value, ...]
+    values: tuple[Value, ...]  # all values, as in the study; ascending for a Latin hypercube
     sampled: bool = False  # True for an axis of a Latin hypercube, where each value occurs once
 
 
@@ -85,7 +83,7 @@ class Plan:
     @property
     def labels(self) -> tuple[str, ...]:
         """Labels of the filters."""
-        return tuple(one.label for one in self.study.filters())
+        return tuple(spec.label for spec in self.study.filters())
 
 
 # Point of an axis or a Latin hypercube: its values by axis, and changes by dotted key.
@@ -119,17 +117,18 @@ def expand(study: Study) -> Plan:
 
 
 def _dimensions(study: Study) -> tuple[tuple[Axis, ...], list[list[_Point]]]:
-    """Axes, and the points of each dimension of the sweep.
-
-    An axis of the grid and one of cases is a dimension; a Latin hypercube is one with all its axes.
-    """
+    """Axes, and the points of each dimension: grid, cases, a Latin hypercube."""
     sweep = study.sweep
     axes: list[Axis] = []
     dimensions: list[list[_Point]] = []
     if sweep is None:
         return (), []
     for key, raw_values in sweep.grid.items():
-        values = tuple(_shown(value) for value in raw_values)
+        # Lists become text for tables and figures.
+        values = tuple(
+            value if isinstance(value, str | int | float | bool) else str(value)
+            for value in raw_values
+        )
         axes.append(Axis(key, _scale_of(values), values))
         pairs = zip(values, raw_values, strict=True)
         dimensions.append([({key: value}, {key: raw}) for value, raw in pairs])
@@ -147,12 +146,7 @@ def _dimensions(study: Study) -> tuple[tuple[Axis, ...], list[list[_Point]]]:
 
 
 def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
-    """Points of a Latin hypercube: dotted key -> value, to six significant digits.
-
-    Args:
-        latin: number of points, and ranges.
-        seed: seed of the study, which determines the points.
-    """
+    """Points of a Latin hypercube by a seed: dotted key -> value, of six digits."""
     from scipy.stats import qmc
 
     ranges = latin.ranges
@@ -168,10 +162,8 @@ def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
 
 
 def _aware_of_wander(settings: Settings, robot: Robot, scenario: Scenario) -> Settings:
-    """Settings with the wander of the scenario's fixes, unless they have one.
-
-    The wander of a robot file describes the fixes of its logs; the scenario's, or none, replaces it.
-    """
+    """Settings with the wander of the scenario's fixes, unless they have one."""
+    # The wander of a robot file is that of the fixes of its logs.
     errors = fix_errors(scenario.fixes, noise_preset(scenario.noise))
     wanders = errors.wander_sigma > 0.0
     if settings.wander is not None or not (wanders or FixWander.of(robot).sigma):
@@ -211,15 +203,12 @@ def _cell(
 
 
 def _with_noise_of(robot: Robot, true_robot: Robot, scenario: Scenario) -> Robot:
-    """Robot file with the noise of the simulated IMU and encoders.
-
-    The accelerometer's noise density is the larger one of simulation and file: the latter includes
-    vibration and slopes.
-    """
+    """Robot file with the noise of the simulated IMU and encoders."""
     preset = noise_preset(scenario.noise)
     gyro = gyro_errors(true_robot, scenario.gyro, preset)
     force = accelerometer_errors(true_robot, scenario.accelerometer, preset)
     encoders = encoder_errors(true_robot, scenario.encoders, preset)
+    # The larger one of simulation and file, which includes vibration and slopes.
     accelerometer_noise = max(force.noise_density, robot.imu.accelerometer_noise_density)
     imu = {
         "gyro_noise_density": max(gyro.noise_density, LEAST_NOISE),
@@ -273,11 +262,6 @@ def _with_outage(scenario: Scenario, length: Any) -> Scenario:
     end = scenario.duration
     outages = ((end - float(length), end),) if length else ()
     return msgspec.structs.replace(scenario, outages=outages)
-
-
-def _shown(value: Any) -> Value:
-    """Value of a grid for tables and figures: lists become text."""
-    return value if isinstance(value, str | int | float | bool) else str(value)
 
 
 def _scale_of(values: tuple[Value, ...]) -> Scale:

@@ -38,12 +38,7 @@ class RunScores(NamedTuple):
 
 
 def checked(scores: RunScores, horizons: Sequence[float]) -> RunScores:
-    """Exclude failed runs: add reasons for impossible values, set all values to NaN.
-
-    Args:
-        scores: scores as returned by an engine.
-        horizons: horizons of the statistics [s].
-    """
+    """Exclude failed runs: add reasons for impossible values, set all values to NaN."""
     kinds = statistics(horizons)
     values, reasons = scores.values.copy(), []
     for row, reason in zip(values, scores.reasons, strict=True):
@@ -59,13 +54,8 @@ def run_by_run(
 ) -> dict[str, RunScores]:
     """Score runs one at a time; an exception becomes the reason of a failed run.
 
-    Only MemoryError is raised: it is a failure of the worker, not of the run.
-
-    Args:
-        one_run: scores of a run (its index) by a filter (its label).
-        runs: indices of the runs.
-        labels: labels of the filters.
-        width: number of statistics.
+    Only MemoryError is raised: it is a failure of the worker, not of the run. `one_run` scores a run,
+    by its index, by a filter, by its label; `width` is the number of statistics.
     """
     by_label = {}
     for label in labels:
@@ -87,24 +77,19 @@ def run_by_run(
 
 
 def failures_of(reasons: Any, labels: Sequence[str]) -> list[dict[str, Any]]:
-    """Failed runs by cell and filter, from reasons (filters, cells, runs).
-
-    Returns:
-        Index of the cell, label of the filter, numbers of failed and of all runs, and the reasons, the
-        most frequent first, each with its number of runs and its first run.
-    """
+    """Failed runs by cell and filter, from reasons (filters, cells, runs)."""
     failures = []
     for cell in range(reasons.shape[1]):
         for label, run_reasons in zip(labels, reasons[:, cell].tolist(), strict=True):
             failed = [reason for reason in run_reasons if reason]
             if not failed:
                 continue
-            found = [
+            counted = [
                 {"reason": reason, "runs": count, "first_run": run_reasons.index(reason)}
                 for reason, count in Counter(failed).most_common()
             ]
             failure = {"cell": cell, "variant": label, "runs": len(failed)}
-            failures.append(failure | {"of": len(run_reasons), "reasons": found})
+            failures.append(failure | {"of": len(run_reasons), "reasons": counted})
     return failures
 
 

@@ -22,8 +22,7 @@ from icreckon.simulation.base.random_streams import check_whole
 from icreckon.simulation.scenario import Scenario
 
 STUDIES_FOLDER = Path(__file__).parent / "studies"
-# Default number of distinct true motions of a cell; they are the most expensive part of a run.
-DEFAULT_TRUTHS = 20
+DEFAULT_TRUTHS = 20  # default number of true motions of a cell: the most expensive part of a run
 MOST_CELLS = 100_000
 MOST_RUNS = 10_000_000  # more runs take a year, and gigabytes for their results
 Runs = Annotated[
@@ -180,7 +179,7 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
             raise SimulationError("a study scores against the truth; leave out include_truth")
         changes = nest(flatten(self.robot_changes))
         msgspec.structs.force_setattr(self, "robot_changes", changes)
-        labels = [one.label for one in self.filters()]
+        labels = [spec.label for spec in self.filters()]
         if not labels:
             raise SimulationError("a study needs variants; give at least one")
         twice = [label for label in labels if labels.count(label) > 1]
@@ -196,9 +195,10 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     def filters(self) -> tuple[FilterSpec, ...]:
         """Filters in full."""
-        return tuple(
-            FilterSpec(variant=one) if isinstance(one, str) else one for one in self.variants
+        specs = (
+            FilterSpec(variant=spec) if isinstance(spec, str) else spec for spec in self.variants
         )
+        return tuple(specs)
 
     @property
     def true_motions(self) -> int:
@@ -284,9 +284,8 @@ def _check_range(key: str, found: Any) -> None:
         raise SimulationError(f"{wanted}, numbers of which the second is larger, found {found!r}")
     (scale,) = scales or ["linear"]
     if scale not in SCALES:
-        raise SimulationError(
-            f"{key!r} has no scale {scale!r}{nearest_hint(str(scale), [*SCALES])}"
-        )
+        hint = nearest_hint(str(scale), [*SCALES])
+        raise SimulationError(f"{key!r} has no scale {scale!r}{hint}")
     if scale == "log" and not low > 0.0:
         raise SimulationError(
             f"the range of {key!r} is logarithmic: it must lie above 0, found {low!r}"

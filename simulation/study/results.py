@@ -25,8 +25,7 @@ from icreckon.simulation.study.summary import (
 Results = dict[str, Any]
 
 COMMAND = "study"
-# Preferred horizon at which drift is reported [s].
-USUAL_HORIZON = 30.0
+USUAL_HORIZON = 30.0  # preferred horizon at which drift is reported [s]
 FINAL_ERROR = "final_position_error_m"
 PERCENTILES = tuple(range(101))  # percentiles that represent the distribution of the final error
 MOST_DISTRIBUTIONS = 4  # number of stored distributions, of cells that lie far apart
@@ -79,9 +78,8 @@ def groups_of(plan: Plan, axis: Axis) -> list[Group]:
     for part in np.array_split(np.array(axis.values, dtype=float), min(GROUPS, len(axis.values))):
         low, high = float(part[0]), float(part[-1])
         middle = float(np.sqrt(low * high) if axis.scale == "log" else 0.5 * (low + high))
-        cells = tuple(
-            cell.index for cell in plan.cells if low <= float(cell.values[axis.name]) <= high
-        )
+        value_of = {cell.index: float(cell.values[axis.name]) for cell in plan.cells}
+        cells = tuple(index for index, value in value_of.items() if low <= value <= high)
         groups.append(Group(f"{low:.3g} to {high:.3g}", middle, cells))
     return groups
 
@@ -92,9 +90,7 @@ def shown(value: Value) -> str:
     return f"{value:g}" if is_number else str(value)
 
 
-def study_results(
-    runs: Runs, manifest: dict[str, Any], cells: Sequence[list[list[Summary]]]
-) -> Results:
+def study_results(runs: Runs, manifest: Results, cells: Sequence[list[list[Summary]]]) -> Results:
     """Results of a study, ready for JSON, with its manifest and `cell_summaries`."""
     plan = runs.plan
     everything = tuple(cell.index for cell in plan.cells)
@@ -114,9 +110,7 @@ def study_results(
         "statistics": [statistic._asdict() for statistic in runs.statistics],
         "failed": _failed(runs),
         "alike": {
-            "variants": [
-                [plan.labels[index] for index in group] for group in alike(runs.values, 0)
-            ],
+            "variants": [[plan.labels[k] for k in group] for group in alike(runs.values, 0)],
             "cells": alike(runs.values, 1),
         },
         "drift": _reported_drift(runs),
@@ -127,23 +121,22 @@ def study_results(
             {"cell": cell.index, "values": cell.values, "variants": _by_variant(runs, summaries)}
             for cell, summaries in zip(plan.cells, cells, strict=True)
         ],
-        "effects": [
-            {
-                "axis": axis.name,
-                "groups": [
-                    {
-                        "name": group.name,
-                        "value": group.value,
-                        "cells": list(group.cells),
-                        "variants": _by_variant(runs, _summaries(runs, group.cells)),
-                    }
-                    for group in groups_of(plan, axis)
-                ],
-            }
-            for axis in plan.axes
-        ],
+        "effects": [{"axis": axis.name, "groups": _groups(runs, axis)} for axis in plan.axes],
         "final_errors": _final_errors(runs),
     }
+
+
+def _groups(runs: Runs, axis: Axis) -> list[Results]:
+    """Summaries of the cells that share a value of an axis."""
+    return [
+        {
+            "name": group.name,
+            "value": group.value,
+            "cells": list(group.cells),
+            "variants": _by_variant(runs, _summaries(runs, group.cells)),
+        }
+        for group in groups_of(runs.plan, axis)
+    ]
 
 
 def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
@@ -157,12 +150,8 @@ def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
         in_both = np.isfinite(values) & np.isfinite(baseline)
         paired = over_cells(np.where(in_both, values, np.nan))
         paired_baseline = over_cells(np.where(in_both, baseline, np.nan))
-        by_filter.append(
-            [
-                summarise(means[:, k], paired_baseline[:, k], motions, paired[:, k])
-                for k in range(len(runs.statistics))
-            ]
-        )
+        columns = zip(means.T, paired_baseline.T, paired.T, strict=True)
+        by_filter.append([summarise(mean, base, motions, pair) for mean, base, pair in columns])
     return by_filter
 
 
@@ -172,9 +161,7 @@ def _failed(runs: Runs) -> dict[str, Any]:
     return {
         "runs": sum(failure["runs"] for failure in failures),
         "of": math.prod(runs.values.shape[:3]),
-        "cells": [
-            failure | {"values": runs.plan.cells[failure["cell"]].values} for failure in failures
-        ],
+        "cells": [case | {"values": runs.plan.cells[case["cell"]].values} for case in failures],
     }
 
 
@@ -187,10 +174,7 @@ def _by_variant(runs: Runs, summaries: list[list[Summary]]) -> dict[str, Any]:
 
 
 def _reported_drift(runs: Runs) -> str:
-    """Drift statistic of headline and figures: over the horizon that most cells have.
-
-    Of several such horizons it is the one nearest to `USUAL_HORIZON`.
-    """
+    """Drift over the horizon that most cells have, the nearest to `USUAL_HORIZON`."""
     names = [statistic.name for statistic in runs.statistics]
     horizons = sorted(runs.plan.study.horizons, key=lambda s: (abs(s - USUAL_HORIZON), s))
     columns = [names.index(DRIFT.format(horizon)) for horizon in horizons]
@@ -258,13 +242,9 @@ def _final_errors(runs: Runs) -> list[dict[str, Any]]:
 
 
 def alike(values: Floats, axis: int) -> list[list[int]]:
-    """Group the indices along an axis at which all statistics are equal to rounding.
+    """Group filters (axis 0) or cells (axis 1) with equal statistics, to rounding.
 
-    Groups have two or more indices.
-
-    Args:
-        values: (filters, cells, runs, statistics); NaN for missing values.
-        axis: 0 for filters, 1 for cells.
+    Groups have two or more indices; values (filters, cells, runs, statistics) are NaN if missing.
     """
     items = np.moveaxis(values, axis, 0)
     known = np.isfinite(items)

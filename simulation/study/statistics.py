@@ -34,8 +34,7 @@ from icreckon.estimator.streaming.outputs import Run
 from icreckon.simulation.base.sampling import sample_times
 from icreckon.simulation.scenario import Scenario
 
-# Yaw drift is scored over segments of this length [s].
-YAW_HORIZON = 30.0
+YAW_HORIZON = 30.0  # yaw drift is scored over segments of this length [s]
 SENSORS = ("gyro", "accelerometer_x", "accelerometer_y", "position")
 DRIFT = "drift_percent_{:g}s"
 
@@ -61,11 +60,7 @@ class Statistic(NamedTuple):
 
 
 def statistics(horizons: Sequence[float]) -> tuple[Statistic, ...]:
-    """Statistics of a run, in their order.
-
-    Args:
-        horizons: lengths of the segments over which drift is scored [s].
-    """
+    """Statistics of a run, in their order, by the horizons of the drift [s]."""
     return (
         *(
             Statistic(DRIFT.format(horizon), f"drift after {horizon:g} s", "% of distance")
@@ -82,14 +77,8 @@ def statistics(horizons: Sequence[float]) -> tuple[Statistic, ...]:
         Statistic("nees_pose_mean", "NEES of the pose, over the run", "-", 3.0),
         Statistic("nees_pose_end", "NEES of the pose at the end", "-", 3.0),
         Statistic("nees_velocity_mean", "NEES of the velocity, over the run", "-", 3.0),
-        *(
-            Statistic(f"nis_{name}_mean", f"NIS of {name}, per degree", "-", 1.0)
-            for name in SENSORS
-        ),
-        *(
-            Statistic(f"rejected_{name}", f"rejected by the gate of {name}", "-")
-            for name in SENSORS
-        ),
+        *(Statistic(f"nis_{key}_mean", f"NIS of {key}, per degree", "-", 1.0) for key in SENSORS),
+        *(Statistic(f"rejected_{key}", f"rejected by the gate of {key}", "-") for key in SENSORS),
         Statistic("rejected_total", "rejected measurements", "-"),
     )
 
@@ -113,17 +102,10 @@ class Segments(NamedTuple):
 def scored_segments(
     stamps: Stamps, horizons: Sequence[float], fixes: Stamps, start: int, end: int
 ) -> list[Segments]:
-    """Segments of each horizon, and of the yaw drift, which come last.
+    """Segments of each horizon [s], and of the yaw drift, which come last.
 
-    They lie in the spans without fixes that are at least as long as a segment; in the whole run if it
-    has no fixes.
-
-    Args:
-        stamps: (n,) stamps at which the run is scored [ns].
-        horizons: lengths of the segments [s].
-        fixes: stamps of the fixes [ns].
-        start: start of the run [ns].
-        end: its end [ns].
+    They lie in the spans without fixes that are at least as long as a segment; in the whole run if it has
+    no fixes. Stamps (n,) at which the run is scored, those of the fixes, start and end are in ns.
     """
     first, scored = segment_starts(stamps), []
     for horizon in (*horizons, YAW_HORIZON):
@@ -136,12 +118,7 @@ def scored_segments(
 
 
 def run_statistics(run: Run, log: Log, horizons: Sequence[float]) -> Floats:
-    """Statistics (n,) of a run, in the order of `statistics`.
-
-    Args:
-        run: the run; it starts at the true pose.
-        log: log of the run, with its truth.
-        horizons: lengths of the segments over which drift is scored [s].
+    """Statistics (n,), see `statistics`, of a run that starts at the true pose.
 
     Raises:
         ValueError: the log has no truth with twists.
@@ -170,13 +147,8 @@ def run_statistics(run: Run, log: Log, horizons: Sequence[float]) -> Floats:
 def path_statistics(
     estimate: Trajectory, truth: TrueTicks, segments: Sequence[Segments]
 ) -> list[Floats]:
-    """Statistics (...) of estimates, in their order, up to those of innovations.
-
-    Args:
-        estimate: estimates; its arrays may have an axis for runs side by side after the first.
-        truth: truth at their stamps.
-        segments: see `scored_segments`.
-    """
+    """Statistics (...) of estimates, in their order, up to those of innovations."""
+    # The truth is at the estimates' stamps. An axis for runs side by side may follow the first.
     *horizons, yaw_horizon = segments
     errors = estimate.poses - truth.poses
     errors[..., 2] = wrap_angle(errors[..., 2])
@@ -186,18 +158,11 @@ def path_statistics(
     _, yaw_drift = _drift(estimate, truth, yaw_horizon)
     nees_mean, nees_end = _nees(errors, estimate.pose_covariances)
     velocity_nees_mean, _ = _nees(velocities, estimate.twist_covariances)
-    return [
-        *(100.0 * position_drift for position_drift, _ in drifts),
-        np.degrees(yaw_drift),
-        np.hypot(x[-1], y[-1]),
-        np.abs(yaw[-1]),
-        _rms(np.hypot(x, y)),
-        _rms(yaw),
-        *(_rms(velocities[..., axis]) for axis in range(3)),
-        nees_mean,
-        nees_end,
-        velocity_nees_mean,
-    ]
+    position_drifts = [100.0 * position_drift for position_drift, _ in drifts]
+    at_end = np.hypot(x[-1], y[-1]), np.abs(yaw[-1])
+    rms = (_rms(np.hypot(x, y)), _rms(yaw), *(_rms(velocities[..., axis]) for axis in range(3)))
+    all_nees = nees_mean, nees_end, velocity_nees_mean
+    return [*position_drifts, np.degrees(yaw_drift), *at_end, *rms, *all_nees]
 
 
 def _drift(estimate: Trajectory, truth: TrueTicks, segments: Segments) -> tuple[Floats, Floats]:

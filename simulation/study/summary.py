@@ -51,13 +51,10 @@ COLUMNS = tuple(field.name for field in fields(Summary))
 def summarise(
     values: Floats, baseline: Floats, motions: Ints, paired: Floats | None = None
 ) -> Summary:
-    """Summarise a statistic.
+    """Summarise values (n,) of runs, NaN for none, also against the baseline's.
 
-    Args:
-        values: (n,) values of the runs; NaN if a run has none.
-        baseline: (n,) values of the same runs by the baseline.
-        motions: (n,) index of the true motion of each run.
-        paired: (n,) values of the runs over the cells that the baseline has too; `values` by default.
+    `motions` (n,) are the indices of the true motions. `paired` (n,) are the values over the cells that
+    the baseline has too; `values` by default.
     """
     paired = values if paired is None else paired
     has_value = np.isfinite(values)
@@ -66,29 +63,20 @@ def summarise(
     mean = mean_interval(finite, finite_motions, positive=True)
     difference = mean_interval(paired[both] - baseline[both], motions[both])
     ratio = ratio_interval(paired[both], baseline[both], motions[both])
-    median, p05, p95 = np.percentile(finite, (50.0, 5.0, 95.0)) if len(finite) else [math.nan] * 3
-    return Summary(
-        len(finite),
-        len(np.unique(finite_motions)),
-        *mean,
-        float(median),
-        float(p05),
-        float(p95),
-        int(both.sum()),
-        *difference,
-        *ratio,
-    )
+    percentiles = [math.nan] * 3
+    if len(finite):
+        percentiles = np.percentile(finite, (50.0, 5.0, 95.0)).tolist()
+    median, p05, p95 = percentiles
+    runs, true_motions, pairs = len(finite), len(np.unique(finite_motions)), int(both.sum())
+    return Summary(runs, true_motions, *mean, median, p05, p95, pairs, *difference, *ratio)
 
 
 def mean_interval(
     values: Floats, motions: Ints, *, positive: bool = False
 ) -> tuple[float, float, float]:
-    """Mean of runs and its 95 % interval.
+    """Mean of runs (n,) and its 95 % interval, by their true motions (n,).
 
-    Args:
-        values: (n,) values of the runs.
-        motions: (n,) index of the true motion of each run.
-        positive: whether the interval is that of the mean's logarithm, which cannot reach below zero.
+    If `positive`, the interval is that of the mean's logarithm, which cannot reach below zero.
     """
     if not len(values):
         return math.nan, math.nan, math.nan
@@ -110,20 +98,15 @@ def ratio_interval(values: Floats, baseline: Floats, motions: Ints) -> tuple[flo
 
 
 def _on_log_scale(value: float, half: float) -> tuple[float, float, float]:
-    """Positive value and its interval, which is even about its logarithm.
-
-    `half` is the half-width of the value's own interval; divided by the value, of its logarithm's.
-    """
+    """Positive value and its interval, which is even about its logarithm."""
+    # `half` is the half-width of the value's own interval; over the value, of its logarithm's.
     with np.errstate(over="ignore"):
         factor = float(np.exp(half / value))
     return value, value / factor, value * factor
 
 
 def jackknife_half_width(without: Floats) -> float:
-    """Half-width of a 95 % interval, from estimates (m,) without one true motion each.
-
-    It is NaN for fewer than two estimates.
-    """
+    """Half-width of a 95 % interval, or NaN, by leaving out true motions (m,) in turn."""
     count = len(without)
     if count < 2:
         return math.nan

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple
 
-import msgspec
 import numpy as np
+from msgspec import structs
 from numpy.random import Generator
 from numpy.typing import NDArray
 
@@ -59,13 +59,15 @@ class Drive(NamedTuple):
     """Integrated motion at grid points."""
 
     twists: Floats  # (n, 3) v_x, v_y [m/s], w [rad/s] of the origin in the paper's axes
-    # (n, 2) force at the centre of mass that transfers load, right and forward [N]
-    transfer: Floats
+    transfer: (
+        Floats  # (n, 2) force at the centre of mass that transfers load, right and forward [N]
+    )
     # (n, 2) acceleration of gravity along the slope in x and y of odom [m/s²]; on terrain, in axes that
     # turn with the ground's normal, but not by the yaw rate
     slopes: Floats
-    # (n,) True if the weight and that force point outside the contact; not set at the last point
-    tipping: NDArray[np.bool_]
+    tipping: NDArray[
+        np.bool_
+    ]  # (n,) True if the force points outside the contact; not set at the end
 
 
 @dataclass(frozen=True)
@@ -77,8 +79,7 @@ class FrictionTruth:
     # `LENGTH_SHARE` for the contact's length, `HEIGHT_SHARE` and `CENTRE_SHARE` for the centre of mass
     spread: float = DEFAULT_SPREAD
     track_lag: float = TRACK_LAG  # time constant of the tracks behind their commands [s]
-    # factor on the slip residual `icreckon.simulation.truth.true_motion.TRUE_SLIP` [-]
-    slip_noise: float = 0.0
+    slip_noise: float = 0.0  # factor on the slip residual `true_motion.TRUE_SLIP` [-]
     terrain: Terrain | None = None  # shape of the ground; None for level ground
     patches: tuple[Patch, ...] = ()  # ground that differs along the path
     payloads: tuple[Payload, ...] = ()  # loads along the path
@@ -148,20 +149,12 @@ def drive(
 ) -> Drive:
     """Integrate the motion of a vehicle from its track speeds.
 
-    Args:
-        contact: the vehicle on its usual ground.
-        yaw_inertia: about the vertical through the centre of mass [kg m²].
-        speeds: (n, 2) left, right at an even step [m/s]; cubic in between.
-        speed_rates: (n, 2) their derivatives [m/s²].
-        step: time between grid points [s].
-        surface: height field of the ground, looked up at each grid point.
-        patches: ground that differs along the path; looked up at each grid point.
-        payloads: loads along the path; put on and taken off at the nearest grid points.
-        load_lag: time constant of the load transfer [s].
-        tolerance: relative error allowed per step.
-        start: (6,) initial state, as in `icreckon.simulation.truth.friction_ode`; None for rest.
-        slip: (n, 3) slip residual of v_x, v_y [m/s], w [rad/s] in base_link's axes, which moves the
-            vehicle on a surface but is no part of the result; None for none.
+    Speeds (n, 2) left, right [m/s], cubic in between, and their derivatives [m/s²] are at grid points
+    of an even step [s], at which the ground is looked up and payloads change. The yaw inertia is about
+    the vertical through the centre of mass [kg m²], the load lag the time constant of the load transfer
+    [s], the tolerance the relative error per step, the start (6,) a state as in
+    `icreckon.simulation.truth.friction_ode`, by default at rest. A slip residual (n, 3) of v_x, v_y
+    [m/s], w [rad/s] in base_link's axes moves the vehicle on a surface, but is no part of the result.
 
     Raises:
         SimulationError: the loaded vehicle cannot stand, or the integration fails.
@@ -192,19 +185,13 @@ def drive(
         scales = np.array([SMALL_VELOCITY] * 3 + [SMALL_LOAD * body.weight] * 2 + [SMALL_YAW])
         span = slice(first, last + 1)
         mass = mass_matrix(body.mass, body.x_CM, body.y_CM, inertia)
-        steps = ode.integrate(
-            ode.Vehicle(ground(loaded_contact), np.asarray(np.linalg.inv(mass), float), load_lag),
-            surface,
-            rows,
-            ode.DrivenTracks(
-                first * step,
-                step,
-                np.ascontiguousarray(speeds[span]),
-                np.ascontiguousarray(speed_rates[span]),
-            ),
-            ode.Tolerance(tolerance, tolerance * scales),
-            ode.GridMotion(pose, states[span], slopes[span], tipping[span], residual[span]),
-        )
+        inverse_mass = np.asarray(np.linalg.inv(mass), float)
+        vehicle = ode.Vehicle(ground(loaded_contact), inverse_mass, load_lag)
+        grid = (np.ascontiguousarray(values[span]) for values in (speeds, speed_rates))
+        tracks = ode.DrivenTracks(first * step, step, *grid)
+        motion = ode.GridMotion(pose, states[span], slopes[span], tipping[span], residual[span])
+        allowed = ode.Tolerance(tolerance, tolerance * scales)
+        steps = ode.integrate(vehicle, surface, rows, tracks, allowed, motion)
         if steps < 0:  # minus the index of the grid point that was not reached
             raise SimulationError(
                 f"the motion cannot be integrated beyond {(first - steps) * step:.3f} s: "
@@ -216,10 +203,7 @@ def drive(
 def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats, Floats]:
     """Track speeds (n, 2) [m/s] with a first-order lag behind commands, and rates.
 
-    Args:
-        commands: (n, 2) at an even step [m/s]; linear in between.
-        step: time between commands [s].
-        time_constant: time constant of the lag [s]; 0 for none.
+    Commands (n, 2) [m/s] have an even step [s] and are linear in between; a lag of 0 is none.
     """
     if time_constant <= 0.0:
         return commands, np.gradient(commands, step, axis=0)
@@ -234,12 +218,10 @@ def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats,
 def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
     """Draw the true contact of a robot: that of its file with random changes.
 
-    Args:
-        robot: the robot as described by its file.
-        spread: see `FrictionTruth`.
-        rng: draws the changes: seven numbers, the last unused, so that later draws of a seed stay.
+    `spread` is that of `FrictionTruth`.
     """
     contact = contact_of(robot)
+    # The last number is not used; without it, later draws of a seed would change.
     friction, rolling, height, length, right, forward, _ = spread * rng.standard_normal(7)
     soil, geometry, body = contact.soil, contact.geometry, contact.body
     along = soil.longitudinal_friction
@@ -250,29 +232,22 @@ def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
         "longitudinal_friction": None if along is None else float(along * np.exp(friction)),
         "rolling_resistance": float(soil.rolling_resistance * np.exp(rolling)),
     }
+    positions = tuple(stretched * y for y in geometry.positions)
+    x_CM = _within(body.x_CM + CENTRE_SHARE * 0.5 * geometry.gauge * right, geometry.gauge)
+    y_CM = body.y_CM + CENTRE_SHARE * half_length * forward
+    y_CM = _within(y_CM, 2.0 * stretched * half_length)
+    z_CM = float(body.z_CM * np.exp(HEIGHT_SHARE * height))
     return Contact(
-        msgspec.structs.replace(soil, **changed),
-        msgspec.structs.replace(
-            geometry, positions=tuple(stretched * at for at in geometry.positions)
-        ),
-        msgspec.structs.replace(
-            body,
-            x_CM=_within(body.x_CM + CENTRE_SHARE * 0.5 * geometry.gauge * right, geometry.gauge),
-            y_CM=_within(
-                body.y_CM + CENTRE_SHARE * half_length * forward, 2.0 * stretched * half_length
-            ),
-            z_CM=float(body.z_CM * np.exp(HEIGHT_SHARE * height)),
-        ),
+        structs.replace(soil, **changed),
+        structs.replace(geometry, positions=positions),
+        structs.replace(body, x_CM=x_CM, y_CM=y_CM, z_CM=z_CM),
     )
 
 
 def on_surface(motion: TrueMotion, surface: Surface, patches: tuple[Patch, ...]) -> TrueMotion:
     """Repeat a planar motion on a surface: the same twists, other poses, and gravity.
 
-    Args:
-        motion: planar motion; its twists are in base_link's axes.
-        surface: height field of the ground.
-        patches: ground that differs; their slopes lie over the surface.
+    Slopes of the patches lie over the surface.
     """
     from icreckon.simulation.truth.surface_kernel import ride_along
 
@@ -285,11 +260,9 @@ def on_surface(motion: TrueMotion, surface: Surface, patches: tuple[Patch, ...])
 
 
 def gravity_in_body(slopes: Floats, yaw: Floats) -> Floats:
-    """Acceleration of gravity (n, 3) in base_link's axes on slopes.
+    """Acceleration of gravity (n, 3) in base_link's axes [m/s²], at yaw (n,) [rad].
 
-    Args:
-        slopes: (n, 2) its part along the plane in x and y of odom [m/s²].
-        yaw: (n,) [rad].
+    `slopes` (n, 2) are its part along the plane in x and y of odom [m/s²].
     """
     along, left = rotate(slopes, -yaw).T
     down = np.sqrt(np.maximum(GRAVITY**2 - along**2 - left**2, 0.0))

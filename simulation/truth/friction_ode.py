@@ -165,14 +165,9 @@ def integrate(
 ) -> int:
     """Integrate from grid point to grid point; the ground is looked up at each one.
 
-    Args:
-        vehicle: constants of the vehicle.
-        surface: height field of the ground.
-        patches: (k, PATCH_WIDTH) terrain, see `icreckon.simulation.truth.surface_kernel`.
-        tracks: track speeds.
-        tolerance: error allowed per step.
-        motion: slip, and pose and state of the first grid point, are inputs. The rest is overwritten,
-            except for the last value of `tipping`; the pose with the last one.
+    Of `motion`, the slip and the first pose and state are inputs. The rest is overwritten, except for the
+    last value of `tipping`; the pose with the last one. `patches` (k, PATCH_WIDTH) are those of
+    `icreckon.simulation.truth.surface_kernel`.
 
     Returns:
         Number of steps, rejected ones included; or, if the step became too small, minus the index of

@@ -66,12 +66,8 @@ class KinematicTruth:
 def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:
     """Draw index parameters: those of the robot, each times its own log-normal factor.
 
-    H stays as it is; eta0 is at least 1, since the ICRs of turning tracks lie outside them.
-
-    Args:
-        robot: gives the nominal parameters.
-        spread: standard deviation of the logarithm of each factor [-].
-        rng: draws the factors.
+    H stays as it is; eta0 is at least 1, since the ICRs of turning tracks lie outside them. `spread` is
+    the standard deviation of the logarithm of each factor [-].
     """
     H, *nominal = initial_parameters(robot, find_variant("inertia-fixed")).tolist()
     factors = np.exp(spread * rng.standard_normal(len(nominal)))
@@ -83,14 +79,10 @@ def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:
 def lagged_twists(
     speeds: Floats, decay: float, parameters: Floats, vehicle: VehicleConstants, twists: Floats
 ) -> None:
-    """Motion of the filter's index model on level ground, from rest.
+    """Compute twists by the filter's index model on level ground, from rest.
 
-    Args:
-        speeds: (n, 2) track speeds at an even step [m/s].
-        decay: factor exp(-step / T) on the lagged forces [-].
-        parameters: (9,) index parameters.
-        vehicle: constants of the vehicle.
-        twists: (n, 3) in the paper's axes, overwritten.
+    Track speeds (n, 2) [m/s] have an even step, in which the lagged forces decay by the factor `decay`
+    [-]. There are 9 index parameters; twists (n, 3), in the paper's axes, are overwritten.
 
     Raises:
         ValueError: an array has the wrong size.

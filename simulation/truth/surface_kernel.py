@@ -51,14 +51,9 @@ def look_up(
 ) -> None:
     """Look up friction, rolling resistance under each track, and slope at the origin.
 
-    Args:
-        patches: (k, PATCH_WIDTH), later ones lie on top of earlier ones.
-        time: time since the start of the run [s].
-        pose: x, y [m], yaw [rad] of the vehicle in odom.
-        half_gauge: L / 2 [m].
-        outside: ground outside all patches.
-        under: ground under the tracks, overwritten.
-        slope: (2,) overwritten, at the origin [m/s²].
+    `patches` (k, PATCH_WIDTH): later ones lie on top of earlier ones, at a time since the start of the
+    run [s]. The pose is x, y [m], yaw [rad] in odom, `half_gauge` is L / 2 [m], `outside` the ground
+    outside all patches. `under` and `slope` (2,) [m/s²] are overwritten.
     """
     x, y, yaw = pose
     friction, rolling = under
@@ -102,18 +97,15 @@ def gradient(surface: Surface, x: float, y: float) -> tuple[float, float]:
 
 @compiled
 def tilt(surface: Surface, patches: Floats, time: float, x: float, y: float) -> tuple[float, float]:
-    """Gradient under the vehicle's origin; slopes of patches replace the surface's.
+    """Gradient at x, y [m] in odom; slopes of patches replace the surface's.
 
-    Args:
-        surface: the height field.
-        patches: (k, PATCH_WIDTH).
-        time: time since the start of the run [s].
-        x: of the origin in odom [m].
-        y: of the origin in odom [m].
+    Patches are (k, PATCH_WIDTH); the time [s] is since the start of the run.
     """
     p_x, p_y = gradient(surface, x, y)
     for patch in patches:
-        share, along_x, along_y = _slope_cover(patch, time, x, y)
+        along_x, along_y = patch[SLOPE], patch[SLOPE + 1]
+        # NaN is no slope.
+        share = 0.0 if np.isnan(along_x) else _cover(patch, time, x, y)
         if share > 0.0:
             normal_part = np.sqrt(GRAVITY * GRAVITY - along_x * along_x - along_y * along_y)
             p_x += share * (-along_x / normal_part - p_x)
@@ -125,10 +117,7 @@ def tilt(surface: Surface, patches: Floats, time: float, x: float, y: float) -> 
 def gravity_on(p_x: float, p_y: float, yaw: float) -> Vector:
     """Acceleration of gravity forward, left and up in base_link's axes [m/s²].
 
-    Args:
-        p_x: gradient of the ground in x [-].
-        p_y: gradient of the ground in y [-].
-        yaw: heading of the vehicle [rad].
+    The ground has the gradient p_x, p_y [-]; the vehicle heads to `yaw` [rad].
     """
     cos, sin = np.cos(yaw), np.sin(yaw)
     ahead, aside = p_x * cos + p_y * sin, p_y * cos - p_x * sin  # slopes forward and left [-]
@@ -147,12 +136,8 @@ def ride(
 ) -> tuple[float, float, float, float]:
     """Move a vehicle on the ground by a small displacement in its own axes.
 
-    Args:
-        surface: the height field.
-        patches: (k, PATCH_WIDTH).
-        time: from, and to, since the start of the run [s].
-        pose: x, y [m], heading [rad] before.
-        displacement: forward, left [m], turn about the normal [rad].
+    `patches` are (k, PATCH_WIDTH), `time` is from, and to, since the start of the run [s], `pose` x, y
+    [m], heading [rad] before, `displacement` forward, left [m], turn about the normal [rad].
 
     Returns:
         x, y [m], heading [rad] after, not wrapped, and the height gained [m].
@@ -193,14 +178,11 @@ def ride_along(
 ) -> None:
     """Compute poses, gravity and heights on the ground from displacements, in place.
 
-    Args:
-        surface: the height field.
-        patches: (k, PATCH_WIDTH).
-        step: time between grid points [s].
-        displacements: (n - 1, 3) forward, left [m], turn about the normal [rad] of each step.
-        poses: (n, 3) x, y [m], heading [rad]; the first is given.
-        gravity: (n, 3) forward, left, up [m/s²].
-        heights: (n,) above the first [m].
+    Displacements (n - 1, 3) of each step [s] are as for `ride`, poses (n, 3) x, y [m], heading [rad], of
+    which the first is given, gravity (n, 3) forward, left, up [m/s²], heights (n,) above the first [m].
+
+    Raises:
+        ValueError: an array has the wrong size.
     """
     n = len(poses)
     sizes_fit = displacements.shape == (n - 1, 3) and heights.shape == (n,)
@@ -266,17 +248,6 @@ def _dot(first: Vector, other: Vector) -> float:
 def _cross(first: Vector, other: Vector) -> Vector:
     (x, y, z), (other_x, other_y, other_z) = first, other
     return y * other_z - z * other_y, z * other_x - x * other_z, x * other_y - y * other_x
-
-
-@compiled
-def _slope_cover(patch: Floats, time: float, x: float, y: float) -> tuple[float, float, float]:
-    """Weight of a patch's slope at a position and time, and the slope [m/s²].
-
-    The weight is zero for a patch without a slope.
-    """
-    if np.isnan(patch[SLOPE]):
-        return 0.0, 0.0, 0.0
-    return _cover(patch, time, x, y), patch[SLOPE], patch[SLOPE + 1]
 
 
 @compiled

@@ -26,11 +26,9 @@ EVERYWHERE = (-float("inf"), float("inf"))
 STEEPEST = 60.0  # [deg]
 # Limit of rolling ground, and of the ramp that a kerb is to a vehicle [deg].
 STEEPEST_ROLLING = 30.0
-# Shortest waves, as a multiple of the length over which a vehicle touches the ground.
-SHORTEST_WAVE = 4.0
+SHORTEST_WAVE = 4.0  # shortest waves, over the length on which a vehicle touches the ground [-]
 HEAVIEST = 1e6  # heaviest payload [kg]
-# Numbers of a patch in the equations; `icreckon.simulation.truth.surface_kernel` lists them.
-PATCH_WIDTH = 13
+PATCH_WIDTH = 13  # numbers of a patch in the equations; `surface_kernel` lists them
 
 
 class Needs(NamedTuple):
@@ -38,13 +36,6 @@ class Needs(NamedTuple):
 
     keys: tuple[str, ...]  # the keys
     without: str  # what the ground is without them
-
-    @property
-    def text(self) -> str:
-        """Reason why the other key changes nothing."""
-        *most, last = self.keys
-        keys = f"{', '.join(most)} or {last}" if most else last
-        return f"{self.without}: give {keys}"
 
 
 NEEDS = {
@@ -85,36 +76,27 @@ class Terrain(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     @property
     def is_level(self) -> bool:
         """True if the ground is level everywhere."""
-        return not (self.slope_deg or self.is_curved)
-
-    @property
-    def is_curved(self) -> bool:
-        """True if the slope differs from place to place."""
-        return bool(self.rolling_deg or self.kerb_height)
+        return not (self.slope_deg or self.rolling_deg or self.kerb_height)
 
 
 def refuse_idle_keys(terrains: Sequence[Terrain], given: Iterable[str], source: str) -> None:
-    """Refuse keys of `[terrain]` that change nothing.
+    """Refuse keys of `[terrain]` that change nothing, as the wavelength without waves.
 
-    These are, for example, the wavelength of ground that does not roll. A needed key that is written as
-    zero counts as given, since a study may change it.
-
-    Args:
-        terrains: the terrain, or those of the cells of a study.
-        given: keys that are written in its table.
-        source: origin of the table, for messages.
+    A needed key that is written as zero counts as given, since a study may change it. `terrains` are the
+    terrain, or those of the cells of a study, `given` the written keys; messages name their `source`.
 
     Raises:
         SimulationError: a key has no effect.
     """
     written = set(given)
     for key in sorted(written & set(NEEDS)):
-        needed = NEEDS[key]
-        acts = any(getattr(terrain, one) for terrain in terrains for one in needed.keys)
-        if not (acts or written & set(needed.keys)):
-            raise SimulationError(
-                f"{source}: [terrain] {key} has no effect, {needed.text}, or leave it out"
-            )
+        others, without = NEEDS[key]
+        acts = any(getattr(terrain, other) for terrain in terrains for other in others)
+        if not (acts or written & set(others)):
+            *most, last = others
+            keys = f"{', '.join(most)} or {last}" if most else last
+            remedy = f"{without}: give {keys}, or leave it out"
+            raise SimulationError(f"{source}: [terrain] {key} has no effect, {remedy}")
 
 
 PatchSlope = Annotated[
@@ -220,11 +202,7 @@ def patch_rows(patches: tuple[Patch, ...]) -> Floats:
 
 
 def check_terrain(terrain: Terrain, contact_length: float) -> None:
-    """Refuse ground that a vehicle does not touch as a plane.
-
-    Args:
-        terrain: shape of the ground.
-        contact_length: length of a track's contact with the ground, over which a kerb rises [m].
+    """Refuse ground that a contact of this length [m] does not touch as a plane.
 
     Raises:
         SimulationError: waves too short, or kerbs too high or too close, for a vehicle of that length.
@@ -274,10 +252,7 @@ LEVEL = Surface(False, (1.0, 0.0), 0.0, 0.0, 1.0, (0.0, 0.0, 0.0), 0.0, 1.0, 1.0
 def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Surface:
     """Make the height field of a terrain, with random phases of waves and kerbs.
 
-    Args:
-        terrain: shape of the ground.
-        contact_length: length of a track's contact with the ground, over which a kerb rises [m].
-        rng: draws three phases, whatever the terrain.
+    A kerb rises over the length of a track's contact with the ground [m].
 
     Raises:
         SimulationError: ground that the vehicle does not touch as a plane, see `check_terrain`.
@@ -304,13 +279,8 @@ def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Sur
 def loaded(body: Body, yaw_inertia: float, payloads: list[Payload]) -> tuple[Body, float]:
     """Body and yaw inertia of a vehicle with payloads; each payload is a point mass.
 
-    Args:
-        body: the bare vehicle.
-        yaw_inertia: its moment of inertia about the vertical through its centre of mass [kg m²].
-        payloads: loads on the vehicle.
-
-    Returns:
-        Total mass and centre of mass, and the moment of inertia about the vertical through it.
+    Moments of inertia [kg m²] are about the vertical through the centre of mass: that of the bare body,
+    and that of the returned one.
     """
     masses = np.array([body.mass, *(payload.mass for payload in payloads)])
     centres = [(body.x_CM, body.y_CM, body.z_CM)]

@@ -42,8 +42,7 @@ class TrueMotion:
     distances: Floats  # (m, 2) integrals of the track speeds since the start [m]
     parameters: Indices | None  # the true index parameters, or None if the truth has none
     source: str  # name of the truth
-    # (m, 3) acceleration of gravity in base_link's axes [m/s²], or None on level ground
-    gravity: Floats | None = None
+    gravity: Floats | None = None  # (m, 3) acceleration in base_link's axes [m/s²], None if level
     # (m,) integral of the yaw rate about base_link's own z axis [rad], on terrain; None if it is the
     # yaw of the pose. On terrain x, y are horizontal, and yaw is the heading of the projected x axis
     turns: Floats | None = None
@@ -71,9 +70,8 @@ class TrueMotion:
         roll_pitch = np.zeros((len(times), 2))
         if self.gravity is not None:
             forward, left, up = -self._linear(self.gravity, times).T
-            roll_pitch = np.stack(
-                [np.arctan2(left, up), -np.arctan2(forward, np.hypot(left, up))], axis=-1
-            )
+            roll, pitch = np.arctan2(left, up), -np.arctan2(forward, np.hypot(left, up))
+            roll_pitch = np.column_stack([roll, pitch])
         return np.column_stack([roll_pitch, poses[:, 2]])
 
     def spatial_at(self, times: Floats) -> Floats | None:
@@ -113,17 +111,10 @@ class TrueMotion:
         return start, np.clip(times + 0.5 * length, 0.0, self.end)
 
     def accelerations_at(self, times: Floats, window: float) -> Floats:
-        """Acceleration (n, 3) of base_link in its own axes, and yaw acceleration.
+        """Accelerations (n, 3) forward, left, dv/dt + w x v [m/s²], and dw/dt [rad/s²].
 
-        The slip residual has no derivative at a point in time, and no sensor has infinite bandwidth.
-        The average over a window does not depend on the grid.
-
-        Args:
-            times: (n,) [s].
-            window: length of the window around each time [s].
-
-        Returns:
-            Forward and left, dv/dt + w x v [m/s²], and dw/dt [rad/s²].
+        They are of base_link in its own axes, averaged over a window [s] around each time (n,) [s], which
+        makes them independent of the grid: the slip residual has no derivative at a point in time.
         """
         start, end = self.window(times, window)
         rates = (self.twists_at(end) - self.twists_at(start)) / (end - start)[:, None]
@@ -157,14 +148,9 @@ class TruthModel(Protocol):
     def run(
         self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
     ) -> TrueMotion:
-        """Simulate the motion.
+        """Simulate the motion over a duration [s], with grid points at a rate [Hz].
 
-        Args:
-            command: commanded track speeds.
-            duration: duration that the motion must cover [s].
-            robot: the robot as described by its file.
-            rng: draws the differences from the robot file, and slip.
-            rate: grid points per second [Hz].
+        `rng` draws the differences from the robot file, and slip.
         """
 
 
@@ -189,12 +175,7 @@ def slip_residual(
 ) -> Floats:
     """Slip residual of the twist (m, 3): Gauss-Markov processes of the size in `slip`.
 
-    Args:
-        speeds: (m, 2) track speeds [m/s].
-        slip: size and correlation time.
-        effective_gauge: L eta0 [m].
-        step: time between samples [s].
-        rng: draws the residual.
+    Track speeds (m, 2) [m/s] have an even step [s]; the effective gauge is L eta0 [m].
     """
     unit = gauss_markov(len(speeds), step, slip.time_constant, rng)
     sigmas = slip_components(speeds[:, 0], speeds[:, 1], slip, effective_gauge)
@@ -204,17 +185,8 @@ def slip_residual(
 def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) -> Floats:
     """Three independent first-order Gauss-Markov processes of unit variance.
 
-    x_k = a x_(k-1) + sqrt(1 - a²) n_k with a = exp(-step / time_constant), exact at any step and
-    stationary from the start (Gelb, Applied Optimal Estimation, section 3.6).
-
-    Args:
-        count: number of samples.
-        step: time between them [s].
-        time_constant: correlation time [s].
-        rng: draws the noise.
-
-    Returns:
-        (count, 3).
+    Of `count` samples (count, 3): x_k = a x_(k-1) + sqrt(1 - a²) n_k with a = exp(-step / time_constant)
+    [s], exact at any step, stationary from the start (Gelb, Applied Optimal Estimation, section 3.6).
     """
     from scipy.signal import lfilter
 
@@ -235,18 +207,11 @@ def displacements(twists: Floats, step: float) -> Floats:
 
 
 def integrate_twists(twists: Floats, step: float) -> Floats:
-    """Poses from twists sampled at an even step, starting at the origin.
+    """Poses (n, 3) x, y [m], yaw [rad], not wrapped, from twists at an even step [s].
 
-    Each step is the exponential map of SE(2) of the fourth-order Magnus expansion: the integral of
-    the twist plus the commutator of its two ends (Iserles et al., Lie-group methods, Acta Numerica
-    2000).
-
-    Args:
-        twists: (n, 3) v_x, v_y [m/s], w [rad/s] in body axes.
-        step: time between them [s].
-
-    Returns:
-        (n, 3) x, y [m], yaw [rad], not wrapped.
+    The first is the origin. Twists (n, 3) are v_x, v_y [m/s], w [rad/s] in body axes. Each step is the
+    exponential map of SE(2) of the fourth-order Magnus expansion: the integral of the twist plus the
+    commutator of its two ends (Iserles et al., Lie-group methods, Acta Numerica 2000).
     """
     forward, left, turn = displacements(twists, step).T
     poses = np.zeros_like(twists)
@@ -259,14 +224,9 @@ def integrate_twists(twists: Floats, step: float) -> Floats:
 
 
 def integrals(values: Floats, step: float) -> Floats:
-    """Integral over each interval of values at an even step, to fourth order inside.
+    """Integral (n - 1, k) over each interval of values (n, k) at an even step [s].
 
-    Args:
-        values: (n, k).
-        step: time between them [s].
-
-    Returns:
-        (n - 1, k): the cubic through four samples; at both ends, the trapezoid.
+    It is of fourth order, that of the cubic through four samples; at both ends, of the trapezoid.
     """
     integral = 0.5 * step * (values[:-1] + values[1:])
     if len(values) > 3:
@@ -278,11 +238,8 @@ def integrals(values: Floats, step: float) -> Floats:
 def exponential(motion: Floats) -> Floats:
     """Exponential map of SE(2): the pose after driving a constant twist for unit time.
 
-    Args:
-        motion: (n, 3) twist times time: x, y [m], yaw [rad].
-
-    Returns:
-        (n, 3) x, y [m], yaw [rad] (Sola et al., A micro Lie theory, eq. 156 and 158).
+    From (n, 3) twist times time to (n, 3) x, y [m], yaw [rad] (Sola et al., A micro Lie theory, eq. 156
+    and 158).
     """
     x, y, yaw = motion.T
     half = 0.5 * yaw

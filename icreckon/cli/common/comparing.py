@@ -31,24 +31,19 @@ def compare_and_write(
     robot: Robot,
     folder: Path,
     *,
-    command: str,
-    configuration: dict[str, Any],
-    inputs: dict[str, Path],
+    origin: dict[str, Any],
     variants: list[str] | None = None,
     fixes: LogPart | None = None,
     smooth: bool = False,
-    seed: int | None = None,
     formats: Sequence[str] = DEFAULT_FORMATS,
     workers: int | None = None,
     case: Case | None = None,
 ) -> tuple[Results, CaseScores | None]:
     """Run the variants over a log, and write a report.
 
-    The arguments are those of `compare`, `summarise` and `write_report`; `folder` must exist. `case` has
-    the labels of log and robot if several are compared.
-
-    Returns:
-        The results, and of a labelled case the scores for `summarise_many`.
+    The arguments are those of `compare` and `write_report`, `origin` those of `summarise`; `folder`
+    must exist. If several logs or robots are compared, a labelled `case` has scores for
+    `summarise_many`, next to the results.
     """
     check_formats(formats, log)
     if log.start < 0 and {*formats} & {"mcap", "ros1"}:
@@ -59,27 +54,14 @@ def compare_and_write(
     warn_unless_kept()
     title = f"filtering {log.duration:.0f} s of {log.name}"
     variants = variants or [*DEFAULT_VARIANTS]
-    with progress(title, compiles=kernels_of(variants)) as report_progress:
+    with progress(title, compiles=kernels_of(variants)) as report:
+        count = worker_count(workers)
         comparison = compare(
-            log,
-            robot,
-            variants,
-            fixes=fixes,
-            smooth=smooth,
-            workers=worker_count(workers),
-            progress=report_progress,
+            log, robot, variants, fixes=fixes, smooth=smooth, workers=count, progress=report
         )
     with working(f"scoring {log.name}"):
         drifts = comparison_drifts(comparison)
-        summary = summarise(
-            comparison,
-            robot,
-            command=command,
-            configuration=configuration,
-            seed=seed,
-            inputs=inputs,
-            drifts=drifts,
-        )
+        summary = summarise(comparison, robot, drifts=drifts, **origin)
         scored = None if case is None else case_scores(case, comparison, summary, drifts)
     with working("writing trajectories, tables and odometry"):
         write_exports(folder, comparison, robot, formats)
@@ -92,7 +74,7 @@ def compare_and_write(
 
 def kernels_of(variants: Iterable[str]) -> int:
     """Number of functions that streaming filters of these variants compile."""
-    kinds = {find_variant(one).model == "linear" for one in variants}
+    kinds = {find_variant(name).model == "linear" for name in variants}
     return SHARED_KERNELS + KERNELS_OF_A_KIND * len(kinds)
 
 

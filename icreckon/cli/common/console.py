@@ -139,16 +139,16 @@ class _Title(ProgressColumn):
         from icreckon.estimator.tracing.kernel_cache import environment_digest, kernel_files
 
         own = environment_digest("estimator")
-        found, now = sum(one.parent.name == own for one in kernel_files()), task.elapsed or 0.0
+        count, now = sum(path.parent.name == own for path in kernel_files()), task.elapsed or 0.0
         if self._kernels_at_start < 0:
-            self._kernels_at_start = found
+            self._kernels_at_start = count
         if task.completed != self._completed:
-            self._kernels, self._completed, self._moved = found, task.completed, now
-        is_new = found > self._kernels or (not self._kernels_at_start and not task.completed)
+            self._kernels, self._completed, self._moved = count, task.completed, now
+        is_new = count > self._kernels or (not self._kernels_at_start and not task.completed)
         if not is_new or now - self._moved > LONGEST_COMPILATION:
             return Text(task.description)
-        of_all = f"/{self._compiles}" if found <= self._compiles else ""
-        return Text(f"compiling filters (first run only) {found}{of_all}")
+        of_all = f"/{self._compiles}" if count <= self._compiles else ""
+        return Text(f"compiling filters (first run only) {count}{of_all}")
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from icreckon.estimator.robot.robot_file import robot_names
 from icreckon.estimator.robot.variants import VARIANTS
@@ -28,12 +29,12 @@ VARIANT_NAMES = completed_by(lambda: VARIANTS)
 def robot_option(more: str = "") -> Any:
     """Option --robot, completed by the names of the robots that ship."""
     text = f"Name of a robot that ships with icreckon, or a TOML file{more}."
-    return typer.Option("--robot", help=text, autocompletion=completed_by(robot_names))
+    return Option("--robot", help=text, autocompletion=completed_by(robot_names))
 
 
 def logs(text: str) -> Any:
     """Argument of one or more logs."""
-    return typer.Argument(help=text, metavar="LOG...", show_default=False)
+    return Argument(help=text, metavar="LOG...", show_default=False)
 
 
 Logs = Annotated[
@@ -42,7 +43,7 @@ Logs = Annotated[
 RobotName = Annotated[str | None, robot_option(". Required")]
 MessageFiles = Annotated[
     list[Path] | None,
-    typer.Option(
+    Option(
         "--msg",
         help="Definition of a message type that the bag lacks, as our_msgs/msg/Rate.msg; "
         "repeatable.",
@@ -60,7 +61,7 @@ def _limit_unpacking(context: typer.Context, gigabytes: float) -> float:
 
 UnpackedLimit = Annotated[
     float,
-    typer.Option(
+    Option(
         "--unpacked-limit",
         callback=_limit_unpacking,
         help="Largest unpacked size of a chunk or message of a bag, of a table, or of a bag that is "
@@ -69,25 +70,17 @@ UnpackedLimit = Annotated[
 ]
 Ros = Annotated[
     Path | None,
-    typer.Option(
-        help="Write settings for ROS here: diff_drive_controller, covariances, IMU frame."
-    ),
+    Option(help="Write settings for ROS here: diff_drive_controller, covariances, IMU frame."),
 ]
 Formats = Annotated[
     str | None,
-    typer.Option(
+    Option(
         help="Formats of the trajectories, separated by commas: tum, kitti, csv, parquet, mcap, "
         "ros1, geojson, or none (default: tum,mcap)."
     ),
 ]
-Out = Annotated[
-    Path | None, typer.Option(help="Folder for the results (default: a new one, printed).")
-]
-Json = Annotated[bool, typer.Option("--json", help="Print results.json instead of the table.")]
-Wide = Annotated[
-    bool, typer.Option("--wide", help="Show all columns, however narrow the terminal is.")
-]
-Overwrite = Annotated[
-    bool, typer.Option("--overwrite", help="Replace what icreckon wrote there before.")
-]
-Workers = Annotated[int | None, typer.Option(min=1, help="Processes (default: one for each core).")]
+Out = Annotated[Path | None, Option(help="Folder for the results (default: a new one, printed).")]
+Json = Annotated[bool, Option("--json", help="Print results.json instead of the table.")]
+Wide = Annotated[bool, Option("--wide", help="Show all columns, however narrow the terminal is.")]
+Overwrite = Annotated[bool, Option("--overwrite", help="Replace what icreckon wrote there before.")]
+Workers = Annotated[int | None, Option(min=1, help="Processes (default: one for each core).")]

@@ -81,7 +81,7 @@ def _leave() -> None:
     sys.stderr.write(f"icreckon: {reason}{advice}\n")
     status = 128 + Stop.number
     own = threading.current_thread()
-    if any(one is not own and not one.daemon for one in threading.enumerate()):
+    if any(thread is not own and not thread.daemon for thread in threading.enumerate()):
         # They have nothing on disk, and the interpreter's exit would wait for them.
         sys.stdout.flush()
         sys.stderr.flush()

@@ -16,9 +16,8 @@ BEFORE, AFTER = "#999999", "#0072B2"
 # Components of a segment's error, and factors from m, m and rad to their units.
 ERROR_LABELS = ("along [cm]", "across [cm]", "turning [deg]")
 ERROR_FACTORS = (100.0, 100.0, 180.0 / np.pi)
-# Length of a line of the verdict [characters].
-LINE_LENGTH = 110
-STYLE = {"font.size": 10, "text.parse_math": False}
+LINE_LENGTH = 110  # length of a line of the verdict [characters]
+STYLE = {"font.size": 10, "axes.titlesize": 10, "text.parse_math": False}
 TICKS = [2.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0]  # ticks of an axis in standard errors
 
 
@@ -86,13 +85,9 @@ def _draw_errors(component_axes: Any, results: Results) -> None:
             axes.plot(seconds, errors, ".", ms=4, color=colour, label=f"{label}, RMS {rms:.2g}")
         axes.set_ylabel(ERROR_LABELS[component])
         # Above the axes: there are dots everywhere in them.
-        axes.legend(
-            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize=8, frameon=False
-        )
+        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, fontsize=8, frameon=False)
     # Above the legend.
-    component_axes[0].set_title(
-        "error of each segment by the tracks", fontsize=10, loc="left", pad=20
-    )
+    component_axes[0].set_title("error of each segment by the tracks", loc="left", pad=20)
     for axes in component_axes[:-1]:
         axes.tick_params(labelbottom=False)
     component_axes[-1].set_xlabel("time, one log behind the other [s]")
@@ -107,7 +102,7 @@ def _draw_errors_by_turning(axes: Axes, results: Results) -> None:
         axes.plot(turned, turning_errors, ".", ms=4, color=colour)
     axes.set_xlabel("turned in a segment, by the gyro [deg]")
     axes.set_ylabel("by gyro minus by tracks [deg]")
-    axes.set_title("slope: effective track; offset: bias; curve: what the model lacks", fontsize=10)
+    axes.set_title("slope: effective track; offset: bias; curve: what the model lacks")
 
 
 def _draw_scores(axes: Axes, results: Results) -> None:
@@ -123,7 +118,7 @@ def _draw_scores(axes: Axes, results: Results) -> None:
     axes.set_yticks(places, list(models))
     axes.invert_yaxis()
     axes.set_xlabel("error by the tracks alone [% of distance], with 95 % interval")
-    axes.set_title("on parts of the logs that were left out of the fit", fontsize=10)
+    axes.set_title("on parts of the logs that were left out of the fit")
 
 
 def _draw_certainty(axes: Axes, results: Results) -> None:
@@ -147,4 +142,4 @@ def _draw_certainty(axes: Axes, results: Results) -> None:
     axes.minorticks_off()
     axes.set_xlim(-reach, reach)
     axes.set_xlabel("found minus robot file, in standard errors (logarithmic beyond 4)")
-    axes.set_title("grey: chance explains it", fontsize=10)
+    axes.set_title("grey: chance explains it")

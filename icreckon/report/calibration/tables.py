@@ -16,8 +16,7 @@ STATUS = {
     "held": "held, not shown",
 }
 WIDE_FROM = 120  # width of a terminal from which on tables have all columns [characters]
-# Correlation from which two estimates can hardly be separated.
-STRONG_CORRELATION = 0.9
+STRONG_CORRELATION = 0.9  # correlation from which two estimates can hardly be separated
 ORIGIN = ("versions", "inputs", "format")
 
 
@@ -37,11 +36,14 @@ def parameter_table(results: Results, *, narrow: bool = False) -> Table:
     rows = []
     for name, parameter in results["parameters"].items():
         note = f"; {parameter['note']}" if parameter["note"] else ""
+        in_file = "" if parameter["before"] is None else _number(parameter["before"])
+        if in_file and parameter["before_is_default"] and not narrow:
+            in_file += " (= default)"
         cells = [
             Cell(_rounded_to_error(parameter["value"], parameter["sigma"])),
             *_error_cells(parameter, narrow=narrow),
             Cell(parameter["unit"]),
-            Cell(_value_in_file(parameter, narrow=narrow)),
+            Cell(in_file),
             Cell(STATUS[parameter["status"]] + note, "wrap"),
         ]
         rows.append((name, cells))
@@ -61,28 +63,16 @@ def _error_cells(parameter: Results, *, narrow: bool) -> list[Cell]:
     return [Cell(own), Cell(other)]
 
 
-def _value_in_file(parameter: Results, *, narrow: bool) -> str:
-    """Value before the calibration, and whether it is a default; empty for none."""
-    if parameter["before"] is None:
-        return ""
-    mark = " (= default)" if parameter["before_is_default"] and not narrow else ""
-    return _number(parameter["before"]) + mark
-
-
-def _lag_text(log: Results) -> str:
-    """Lag of the truth with its standard error [s]."""
-    if log["truth_lag_s"] is None:
-        return "not found"
-    return f"{log['truth_lag_s']:.3f} ± {log['truth_lag_sigma_s']:.3f}"
-
-
 def log_table(results: Results, *, narrow: bool = False) -> Table:
     """Gyro bias, lag of the truth and size of each log."""
     rows = []
     for log in results["logs"]:
+        lag = "not found"
+        if log["truth_lag_s"] is not None:
+            lag = f"{log['truth_lag_s']:.3f} ± {log['truth_lag_sigma_s']:.3f}"
         texts = [
             f"{log['gyro_bias_rad_s']:.5f} ± {log['gyro_bias_sigma_rad_s']:.5f}",
-            _lag_text(log),
+            lag,
             f"{log['distance_m']:.0f}",
             f"{log['moving_segments']}, {log['still_segments']}",
         ]
@@ -160,7 +150,7 @@ def calibration_page(results: Results) -> str:
     """Render the page as HTML."""
     logs = results["logs"]
     count = f"{len(logs)} {'log' if len(logs) == 1 else 'logs'}"
-    distance = sum(one["distance_m"] for one in logs)
+    distance = sum(log["distance_m"] for log in logs)
     pictures: list[Picture] = []
     with unless_missing():
         from icreckon.report.calibration.figure import calibration_pictures

@@ -65,10 +65,8 @@ def _draw_differences(path: Path, rows: tuple[Row, ...]) -> None:
             axes.annotate(label, (x, line), xytext=(offset, 0), ha=side, **style)
         labels = [f"{row.name} = {row.printed} {row.unit}".strip() for row in rows]
         axes.set_yticks(range(len(rows)), labels)
-        axes.set_ylim(len(rows) - 0.4, -0.6)
-        axes.set_xlim(-1.08 * FARTHEST, 1.08 * FARTHEST)
-        axes.set_xlabel("reproduced less published [% of the published]")
-        axes.set_ylabel("published number")
+        axes.set(xlim=(-1.08 * FARTHEST, 1.08 * FARTHEST), ylim=(len(rows) - 0.4, -0.6))
+        axes.set(xlabel="reproduced less published [% of the published]", ylabel="published number")
         axes.legend(loc="lower left")
 
 
@@ -150,9 +148,8 @@ def _draw_fits(path: Path, reproduced: Reproduction) -> None:
                     np.abs(abscissa), np.ones_like(abscissa), abscissa, parameters.as_array()
                 )
                 axes.plot(abscissa, modelled[place], style, color=colour, lw=2.0, label=name)
-            axes.set_title(f"({'abc'[place]})")
-            axes.set_xlabel(force_labels[place])
-            axes.set_ylabel(INDEX_LABELS[place])
+            title = f"({'abc'[place]})"
+            axes.set(title=title, xlabel=force_labels[place], ylabel=INDEX_LABELS[place])
             axes.legend(loc="upper left")
 
 
@@ -163,8 +160,7 @@ def _draw_map(axes: Axes, reproduced: Reproduction, values: Any, label: str) -> 
     mesh = axes.pcolormesh(motion.V_r, motion.V_l, values, shading="nearest", cmap="viridis")
     axes.figure.colorbar(mesh, ax=axes, label=label)
     axes.set_aspect("equal")
-    axes.set_xlabel("right track speed $V_r$ [m/s]")
-    axes.set_ylabel("left track speed $V_l$ [m/s]")
+    axes.set(xlabel="right track speed $V_r$ [m/s]", ylabel="left track speed $V_l$ [m/s]")
 
 
 def _scatter_icrs(axes: Axes, icrs: icr.Icrs, reproduced: Reproduction) -> None:
@@ -178,8 +174,7 @@ def _scatter_icrs(axes: Axes, icrs: icr.Icrs, reproduced: Reproduction) -> None:
     axes.axvline(0.5 * vehicle.gauge, color=GREY, linewidth=1.0)
     x, y = vehicle.x_CM, vehicle.y_CM
     axes.plot(x, y, "+", color=GREEN, ms=11, mew=2.0, label="centre of mass")
-    axes.set_xlabel("x, to the right [m]")
-    axes.set_ylabel("y, forward [m]")
+    axes.set(xlabel="x, to the right [m]", ylabel="y, forward [m]")
 
 
 def _mark_constant(axes: Axes, icrs: ConstantIcr, colour: str, marker: str, label: str) -> None:

@@ -26,7 +26,7 @@ ORIGIN = ("versions", "seed", "format")
 
 def paper_tables(results: Results, *, narrow: bool) -> Group:
     """Numbers, Table II and verdict, for the terminal."""
-    tables = [rich_table(one) for one in all_tables(results, narrow=narrow)]
+    tables = [rich_table(table) for table in all_tables(results, narrow=narrow)]
     sentences = (counts_text(results), origin_text(results), contradiction_text(results))
     return Group(*tables, Text("\n".join(sentences)))
 

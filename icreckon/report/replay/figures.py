@@ -15,7 +15,7 @@ from icreckon.replay.base.colours import FIX_COLOUR, TRUTH_COLOUR, colour_of
 from icreckon.replay.comparison.results import Results
 from icreckon.report.drawing import drawing
 from icreckon.report.printable import printable
-from icreckon.report.replay.page_charts import breaks_of
+from icreckon.report.replay.page_charts import breaks_of, outages
 from icreckon.report.replay.page_drive import floats
 from icreckon.report.replay.page_text import failures, has_yaw_errors, page_title
 
@@ -36,7 +36,8 @@ NO_FIXES, BOUNDS = "no fixes", "3σ of a filter"
 def write_figure(path: Path, results: Results) -> None:
     """Draw paths, errors (without a truth bounds and yaws), and indices, as PNG."""
     results = _with_breaks(results)
-    with drawing(SIZE, {"font.size": 11, "text.parse_math": False}) as figure:
+    style = {"font.size": 11, "axes.titlesize": 11, "text.parse_math": False}
+    with drawing(SIZE, style) as figure:
         rows = figure.add_gridspec(2, 1, height_ratios=(2.2, 1.0))
         upper = rows[0].subgridspec(2, 2, width_ratios=(1.0, 1.1), height_ratios=(1.7, 1.0))
         paths = figure.add_subplot(upper[:, 0])
@@ -60,28 +61,22 @@ def write_figure(path: Path, results: Results) -> None:
             axes = figure.add_subplot(lower[place], sharex=errors)
             _draw_index(axes, results, key)
             axes.set_xlabel("time [s]")
-        handles = [*paths.get_legend_handles_labels()[0], *_shade_handles(errors)]
+        handles, _ = paths.get_legend_handles_labels()
+        shade_handles, labels = errors.get_legend_handles_labels()
+        shades = dict(zip(labels, shade_handles, strict=True))
+        if NO_FIXES in shades:
+            handles.append(shades[NO_FIXES])
+        if BOUNDS in shades:
+            # One grey patch for all bounds: each has the colour of its filter.
+            handles.append(Patch(color="0.5", alpha=0.3, lw=0, label=BOUNDS))
         figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=10)
         title = "\n".join([_title(results), *failures(results)])
         figure.suptitle(printable(title), fontsize=12)
         figure.savefig(path, dpi=DOTS, metadata={"Title": title})
 
 
-def _shade_handles(axes: Axes) -> list[Any]:
-    """Legend handles of the shaded areas of an axes: times without fixes, bounds."""
-    handles, labels = axes.get_legend_handles_labels()
-    shades = [one for one, label in zip(handles, labels, strict=True) if label == NO_FIXES]
-    if BOUNDS in labels:
-        # One grey patch for all bounds: each has the colour of its filter.
-        shades.append(Patch(color="0.5", alpha=0.3, lw=0, label=BOUNDS))
-    return shades
-
-
 def _with_breaks(results: Results) -> Results:
-    """Insert a row of None in each hole of the series, so that no line crosses it.
-
-    The stamp of such a row is that of the row after it: times have no None.
-    """
+    """Insert a row of None in each hole of the series, so that no line crosses it."""
     series = results["series"]
     rows, count = breaks_of(series["t_s"]), len(series["t_s"])
     if not rows:
@@ -97,6 +92,7 @@ def _with_breaks(results: Results) -> Results:
         return [None if math.isnan(value) else value for value in with_nan]
 
     broken = {key: with_breaks(values) for key, values in series.items()}
+    # Times have no None: the stamp of such a row is that of the row after it.
     times = floats(series["t_s"])
     broken["t_s"] = np.insert(times, rows, times[rows]).tolist()
     return results | {"series": broken}
@@ -108,11 +104,8 @@ def _title(results: Results) -> str:
     title = f"{page_title(results)}, {log['duration_s']:.0f} s"
     if truth is None:
         return f"{title}, no ground truth"
-    drifts = {
-        name: results["variants"][name]["drift_percent_30s_mean"]
-        for name in IN_TITLE
-        if name in results["variants"]
-    }
+    variants, key = results["variants"], "drift_percent_30s_mean"
+    drifts = {name: variants[name][key] for name in IN_TITLE if name in variants}
     text = ", ".join(f"{name} {drift:.2f} %" for name, drift in drifts.items() if drift is not None)
     drift_line = f"\ndrift after 30 s without fixes: {text}" if text else ""
     simulated = "simulated: " if results["command"] == "demo" else ""
@@ -154,17 +147,11 @@ def _draw_paths(axes: Axes, results: Results) -> None:
         axes.plot(x, y, color=colour, lw=width, ls=style, label=name)
         axes.plot(x[-1], y[-1], "s", color=colour, ms=6)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    axes.set_title("paths (squares: ends)", fontsize=11)
+    axes.set(xlabel="x [m]", ylabel="y [m]", title="paths (squares: ends)")
 
 
 def _shade_outages(axes: Axes, results: Results) -> None:
-    """Shade the spans in which drift is scored, if the log has fixes outside of them."""
-    truth = results["truth"]
-    if truth is None or not results["log"]["fixes"]:
-        return
-    for number, (start, end) in enumerate(truth["scored_s"]):
+    for number, (start, end) in enumerate(outages(results)):
         # The first one alone is in the legend.
         label = NO_FIXES if number == 0 else None
         axes.axvspan(start, end, color="#F0E442", alpha=0.25, label=label)
@@ -186,8 +173,7 @@ def _draw_position_errors(axes: Axes, results: Results) -> None:
     for number, (name, bound) in enumerate(zip(detailed, bounds, strict=True)):
         reached, label = _in_reach(bound, limit), BOUNDS if number == 0 else None
         axes.fill_between(time, 0.0, reached, color=colour_of(name), alpha=0.13, lw=0, label=label)
-    axes.set_ylim(0.0, limit)
-    axes.set_title("position error [m]", fontsize=11)
+    axes.set(ylim=(0.0, limit), title="position error [m]")
 
 
 def _widest(bounds: Sequence[Any], most: float) -> float:
@@ -215,8 +201,7 @@ def _draw_yaw_errors(axes: Axes, results: Results) -> None:
         axes.plot(time, error, color=colour_of(name), lw=1.3)
         reached = _in_reach(bound, limit)
         axes.fill_between(time, -reached, reached, color=colour_of(name), alpha=0.13, lw=0)
-    axes.set_ylim(-limit, limit)
-    axes.set_title("yaw error [deg]", fontsize=11)
+    axes.set(ylim=(-limit, limit), title="yaw error [deg]")
 
 
 def _draw_lines(axes: Axes, results: Results, title: str, key: str, scale: float) -> None:
@@ -225,7 +210,7 @@ def _draw_lines(axes: Axes, results: Results, title: str, key: str, scale: float
     for name, columns in series["variants"].items():
         values = scale * floats(columns[key])
         axes.plot(series["t_s"], values, color=colour_of(name), label=name)
-    axes.set_title(title, fontsize=11)
+    axes.set_title(title)
 
 
 INDEX_TITLES = {
@@ -238,15 +223,17 @@ INDEX_TITLES = {
 def _draw_index(axes: Axes, results: Results, key: str) -> None:
     """Draw an index (a key of `INDEX_TITLES`) over time, with the truth."""
     series = results["series"]
-    time = series["t_s"]
+    time, truth = series["t_s"], None
     _shade_outages(axes, results)
-    truth = _true_index(results, key)
-    if truth is not None:
+    if "icr_distance_m" in series.get("truth", {}):
+        true_key = "icr_distance_m" if key == "eta" else key
+        gauge = results["robot"]["vehicle"]["track_gauge"]
+        truth = floats(series["truth"][true_key]) / (gauge if key == "eta" else 1.0)
         axes.plot(time, truth, ".", color=TRUTH_COLOUR, ms=2.5, label="truth")
     estimates = {name: floats(series["variants"][name][key]) for name in _detailed(results)}
     for name, values in estimates.items():
         axes.plot(time, values, color=colour_of(name), lw=1.2, label=name)
-    axes.set_title(INDEX_TITLES[key], fontsize=11)
+    axes.set_title(INDEX_TITLES[key])
     estimated = np.concatenate([*estimates.values()])
     if np.isfinite(estimated).any():
         axes.set_ylim(*_index_limits(estimated, truth))
@@ -266,13 +253,3 @@ def _index_limits(estimated: Any, truth: Any) -> tuple[float, float]:
     high = max(high, min(highest_peak, high + width))
     margin = 0.15 * (high - low) + 1e-3
     return low - margin, high + margin
-
-
-def _true_index(results: Results, key: str) -> Any:
-    """Index of the true motion over time; None if the truth has none."""
-    truth = results["series"].get("truth", {})
-    if "icr_distance_m" not in truth:
-        return None
-    if key == "eta":
-        return floats(truth["icr_distance_m"]) / results["robot"]["vehicle"]["track_gauge"]
-    return floats(truth[key])

@@ -62,7 +62,7 @@ def _robot_section(results: Results, robot: str) -> Named:
 def _nees_table(variants: dict[str, Any]) -> Table:
     """NEES of poses and positions, if there is any, and numbers of logs and segments."""
     headings = {"nees_pose": "pose NEES, ideal 3", "nees_position": "position NEES, ideal 2"}
-    keys = [key for key in headings if any(one[f"{key}_poses"] for one in variants.values())]
+    keys = [key for key in headings if any(scores[f"{key}_poses"] for scores in variants.values())]
     head = ["variant", *(headings[key] for key in keys), "logs"]
     head += [f"segments of {label[:-1]} s" for label in HORIZONS]
     rows = []

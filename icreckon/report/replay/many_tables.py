@@ -8,7 +8,7 @@ from rich.text import Text
 
 from icreckon.replay.comparison.results import Results
 from icreckon.report.replay import many_text
-from icreckon.report.replay.page_text import CHECK_HINT, lowest
+from icreckon.report.replay.page_text import CHECK_HINT, lowest, seconds_text
 
 HORIZONS = ("10s", "30s")
 DOES_NOT_FIT = "A robot file does not fit a log, and all figures of it are with it"
@@ -44,14 +44,17 @@ def _pooled_table(results: Results, *, narrow: bool) -> Table:
     table = Table(title=title, title_justify="left")
     table.add_column("variant", no_wrap=True)
     for horizon in HORIZONS:
-        table.add_column(f"drift\n{_seconds(horizon)}\n%", justify="right")
+        table.add_column(f"drift\n{seconds_text(horizon)}\n%", justify="right")
         if not narrow:
             table.add_column("95 %", justify="right", no_wrap=True)
     ratio_horizons = HORIZONS[1:] if narrow else HORIZONS
     for horizon in ratio_horizons:
-        table.add_column(f"ratio to\n{baseline}\n{_seconds(horizon)}", justify="right")
+        table.add_column(f"ratio to\n{baseline}\n{seconds_text(horizon)}", justify="right")
         table.add_column("95 %", justify="right", no_wrap=True)
-    kind, ideal = ("position", 2) if _has_positions_only(results) else ("pose", 3)
+    all_scores = [scores for pooled in robots.values() for scores in pooled["variants"].values()]
+    has_poses = any(scores["nees_pose_poses"] for scores in all_scores)
+    has_positions = any(scores["nees_position_poses"] for scores in all_scores)
+    kind, ideal = ("position", 2) if has_positions and not has_poses else ("pose", 3)
     table.add_column(f"NEES\nideal\n{ideal}", justify="right")
     table.add_column("segments\n30 s", justify="right")
     for robot, pooled in robots.items():
@@ -76,21 +79,13 @@ def _pooled_table(results: Results, *, narrow: bool) -> Table:
     return table
 
 
-def _has_positions_only(results: Results) -> bool:
-    """Return True if no pose has a NEES, but positions have."""
-    variants = [pooled["variants"] for pooled in results["pooled"].values()]
-    all_scores = [scores for by_name in variants for scores in by_name.values()]
-    has_poses = any(scores["nees_pose_poses"] for scores in all_scores)
-    return not has_poses and any(scores["nees_position_poses"] for scores in all_scores)
-
-
 def _ratio_table(results: Results) -> Table:
     """Ratio of drift with each robot file to that with the first."""
     first_robot = next(iter(results["pooled"]))
     table = Table(title=f"Drift over that with {first_robot}, same segments", title_justify="left")
     table.add_column("variant", no_wrap=True)
     for horizon in HORIZONS:
-        table.add_column(f"ratio\n{_seconds(horizon)}", justify="right")
+        table.add_column(f"ratio\n{seconds_text(horizon)}", justify="right")
         table.add_column("95 %", justify="right", no_wrap=True)
     table.add_column("segments\n30 s", justify="right")
     for robot, ratios in results["ratios"].items():
@@ -98,11 +93,8 @@ def _ratio_table(results: Results) -> Table:
         table.add_row(Text(robot, style="bold"))
         for name, ratio in ratios["variants"].items():
             cells = []
-            for horizon in HORIZONS:
-                cells += [
-                    _value(ratio[f"ratio_{horizon}"]),
-                    _interval(ratio[f"ratio_{horizon}_95"]),
-                ]
+            for key in (f"ratio_{horizon}" for horizon in HORIZONS):
+                cells += [_value(ratio[key]), _interval(ratio[f"{key}_95"])]
             table.add_row(name, *cells, str(ratio["segments_30s"]))
     return table
 
@@ -117,7 +109,7 @@ def _log_table(results: Results) -> Table:
         table.add_column("robot", overflow="fold")
     table.add_column("s", justify="right")
     table.add_column("m", justify="right")
-    table.add_column(f"least drift, {_seconds(horizon)}", no_wrap=True)
+    table.add_column(f"least drift, {seconds_text(horizon)}", no_wrap=True)
     table.add_column("%", justify="right")
     for log in results["logs"]:
         key = f"drift_percent_{horizon}_mean"
@@ -132,11 +124,6 @@ def _log_table(results: Results) -> Table:
             _value(log["variants"][best][key] if best else None),
         )
     return table
-
-
-def _seconds(horizon: str) -> str:
-    """Format the horizon "30s" as "30 s"."""
-    return f"{horizon[:-1]} {horizon[-1]}"
 
 
 def _value(value: float | None, *, digits: int = 2, is_best: bool = False) -> Text:

@@ -53,7 +53,7 @@ def _robot_text(pooled: Results) -> str:
 
 
 def _ratio_text(results: Results, robot: str) -> str:
-    """Drift of a robot file over that of the first, of the variant that drifts least."""
+    """Drift with a robot file over that with the first, of the best variant."""
     ratios, horizon = results["ratios"][robot], horizon_of(results)
     first = ratios["to"]
     verdicts = [results["pooled"][name]["verdict"] for name in (robot, first)]
@@ -61,7 +61,8 @@ def _ratio_text(results: Results, robot: str) -> str:
     if not known:
         return f"{robot} cannot be compared with {first}: no segment is scored with both."
     best = min(known, key=lambda verdict: float(verdict["drift_percent"]))["best"]
-    ratio, interval = (ratios["variants"][best][f"ratio_{horizon}{end}"] for end in ("", "_95"))
+    key = f"ratio_{horizon}"
+    ratio, interval = ratios["variants"][best][key], ratios["variants"][best][f"{key}_95"]
     is_equal = page_text.number(ratio) == page_text.number(1.0)
     than = "as far as" if is_equal else f"{change(ratio)} than"
     text = (
@@ -73,17 +74,11 @@ def _ratio_text(results: Results, robot: str) -> str:
     low, high = interval
     if low <= 1.0 <= high:
         text += " That may be chance."
-    return text + _default_variant_text(results, robot, best)
-
-
-def _default_variant_text(results: Results, robot: str, best: str) -> str:
-    """Ratio of the default variant, where another one is the best; empty otherwise."""
-    scores = results["ratios"][robot]["variants"].get(DEFAULT_VARIANT)
-    key = f"ratio_{horizon_of(results)}"
-    if best == DEFAULT_VARIANT or scores is None or scores[key] is None:
-        return ""
-    drifts = f"drifts {change(scores[key])}{change_range(scores[f'{key}_95'])}"
-    return f" {DEFAULT_VARIANT}, which learns as it drives, {drifts}."
+    scores = ratios["variants"].get(DEFAULT_VARIANT)
+    if best != DEFAULT_VARIANT and scores is not None and scores[key] is not None:
+        drifts = f"drifts {change(scores[key])}{change_range(scores[f'{key}_95'])}"
+        text += f" {DEFAULT_VARIANT}, which learns as it drives, {drifts}."
+    return text
 
 
 def horizon_of(results: Results) -> str:
@@ -95,10 +90,10 @@ def horizon_of(results: Results) -> str:
 
 def many_failures(results: Results) -> list[str]:
     """Logs and variants without a result, each with its reason."""
-    lines = [
-        f"ERROR: {_log_name(case['log'], case['robot'], results)} has no result: {case['reason']}"
-        for case in results["failed"]
-    ]
+    lines = []
+    for case in results["failed"]:
+        name = _log_name(case["log"], case["robot"], results)
+        lines.append(f"ERROR: {name} has no result: {case['reason']}")
     for log in results["logs"]:
         name = _log_name(log["label"], log["robot"], results)
         lines += [f"{name}: {line}" for line in page_text.failures(log)]

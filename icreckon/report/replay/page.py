@@ -21,8 +21,7 @@ from icreckon.report.replay.tables import (
 )
 
 DEFAULT_HALF_LENGTH = Vehicle(mass=1.0, track_gauge=1.0, sprocket_radius=1.0).half_contact_length
-# Section of the page: its title, a note, tables.
-Section = tuple[str, str, list[Table]]
+Section = tuple[str, str, list[Table]]  # section of the page: its title, a note, tables
 
 
 def replay_page(results: Results) -> str:
@@ -111,18 +110,15 @@ def drift_tables(results: Results) -> list[Table]:
 
 
 def interval_cell(
-    value: float | None, interval: Sequence[float] | None, *, is_best: bool = False
+    value: float | None, ends: Sequence[float] | None, *, is_best: bool = False
 ) -> Cell:
-    """Cell of a number with its interval beneath, if there is one."""
-    beneath = "" if interval is None else " to ".join(map(number, interval))
+    """Cell of a number with the ends of its interval beneath, if there is one."""
+    beneath = "" if ends is None else " to ".join(map(number, ends))
     return Cell(number(value), "best" if is_best else "", beneath)
 
 
 def _horizons_with(results: Results, key: str) -> list[str]:
-    """Labels of horizons, as "30s", with a score by any variant; all if there is none.
-
-    `key` is the name of the score with {} for the label.
-    """
+    """Labels of horizons with the score `key` ({} is the label); all if none has it."""
     labels, variants = list(results["horizons"]), results["variants"].values()
     known = {name for scores in variants for name, value in scores.items() if value is not None}
     return [label for label in labels if key.format(label) in known] or labels
@@ -178,15 +174,15 @@ def _icrs_note(results: Results) -> str:
         sentences.append("Dots: the truth, while the robot turns.")
     if "differential" in results["variants"]:
         half = 0.5 * results["robot"]["vehicle"]["track_gauge"]
-        sentences.append(
-            f"Not drawn: differential, whose ICRs are its tracks, at y = ±{number(half)} m."
-        )
+        place = f"at y = ±{number(half)} m"
+        sentences.append(f"Not drawn: differential, whose ICRs are its tracks, {place}.")
     return " ".join(sentences)
 
 
 def _parameters_note(results: Results) -> str:
     # Each variant has the times, under "t_s", also without parameters.
-    if not any(len(one["parameters"]) > 1 for one in results["series"]["variants"].values()):
+    variants = results["series"]["variants"].values()
+    if not any(len(variant["parameters"]) > 1 for variant in variants):
         return "No variant that was run learns any."
     return (
         "Those that a variant learns, with bands of ±2σ. Lengths and indices are in the paper's axes "
@@ -196,10 +192,7 @@ def _parameters_note(results: Results) -> str:
 
 
 def _constant_table(results: Results) -> Table | None:
-    """Table of the parameters that no variant moves, instead of charts of level lines.
-
-    Variants with the same value share a row. None if there is no such parameter.
-    """
+    """Table of the parameters that no variant moves, instead of charts of level lines."""
     variants_of: dict[tuple[str, str], list[str]] = {}
     for parameter, estimates in constant_parameters(results).items():
         for variant, (value, sigma) in estimates.items():
@@ -221,7 +214,7 @@ def _digits(value: float) -> str:
 
 
 def _innovations_note(results: Results) -> str:
-    if not any(one["innovations"] for one in results["series"]["variants"].values()):
+    if not any(variant["innovations"] for variant in results["series"]["variants"].values()):
         return "No sensor was judged: there are no innovations."
     return (
         "Measured less expected, over the standard deviation that it should have. Of a filter whose "
@@ -234,7 +227,8 @@ def _innovation_table(results: Results) -> Table | None:
     """Share of large innovations by variant and component; None if there are none."""
     variants = results["series"]["variants"]
     innovations = {name: variants[name]["innovations"] for name in variants}
-    components = list(dict.fromkeys(key for one in innovations.values() for key in one))
+    keys = (key for by_component in innovations.values() for key in by_component)
+    components = list(dict.fromkeys(keys))
     if not components:
         return None
     rows = []

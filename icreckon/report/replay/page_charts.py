@@ -29,10 +29,8 @@ TRUTH, FIXES = "ground truth", "fixes used"
 # Variants shown when the page opens, next to the best and the baseline.
 FIRST_SHOWN = ("differential", "constant-online", "inertia-online")
 FEW = 4  # number of variants up to which all are shown
-# The variant whose ICRs lie on its tracks by definition, and would widen the axes.
-ON_TRACKS = "differential"
-# Innovations beyond are not drawn.
-LARGEST_INNOVATION = 10.0
+ON_TRACKS = "differential"  # its ICRs lie on its tracks by definition, and would widen the axes
+LARGEST_INNOVATION = 10.0  # innovations beyond are not drawn
 DEGREES = 180.0 / math.pi
 LEFT_COLOUR, RIGHT_COLOUR, GYRO_COLOUR = "#0072B2", "#D55E00", "#444444"
 FLAT = 0.1  # share of its standard deviation by which a parameter moves that has a chart
@@ -84,10 +82,12 @@ def page_data(results: Results) -> Results:
     charts += [*_input_charts(results, columns), *_icr_charts(results, columns)]
     charts += [*_parameter_charts(results, columns), *_innovation_charts(results, columns)]
     drive = drive_data(results, columns)
+    items = [item for chart in charts for key in ("lines", "bands") for item in chart.get(key, [])]
+    time_columns = dict.fromkeys(["t", *(item["x"] for item in items)])
     return {
         "series": switches(results),
         "columns": columns,
-        "breaks": {name: breaks_of(columns[name]) for name in _time_columns(charts)},
+        "breaks": {name: breaks_of(columns[name]) for name in time_columns},
         "charts": charts,
         "drive": drive,
     }
@@ -98,21 +98,18 @@ def switches(results: Results) -> list[Results]:
     names, verdict = list(results["variants"]), results["verdict"] or {}
     first_shown = {*FIRST_SHOWN, verdict.get("best"), verdict.get("baseline")}
     are_few = len(names) <= FEW or first_shown.isdisjoint(names)
-    found = []
+    styles = []  # name, colour, dash, and whether shown at first
     for name in names:
         dash = "2 3" if name.endswith(SMOOTHED) else ""
-        is_shown = are_few or name in first_shown
-        found.append(_switch(name, colour_of(name), dash, is_shown=is_shown))
+        styles.append((name, colour_of(name), dash, are_few or name in first_shown))
     if "truth" in results["series"]:
-        found.append(_switch(TRUTH, TRUTH_COLOUR, ""))
+        styles.append((TRUTH, TRUTH_COLOUR, "", True))
     if results["series"].get("fixes", {}).get("x_m"):
-        found.append(_switch(FIXES, FIX_COLOUR, "2 2"))
-    return found
-
-
-def _switch(name: str, colour: str, dash: str, *, is_shown: bool = True) -> Results:
-    dark = on_dark(colour)
-    return {"name": name, "colour": colour, "dark": dark, "dash": dash, "shown": is_shown}
+        styles.append((FIXES, FIX_COLOUR, "2 2", True))
+    return [
+        {"name": name, "colour": colour, "dark": on_dark(colour), "dash": dash, "shown": is_shown}
+        for name, colour, dash, is_shown in styles
+    ]
 
 
 def _columns(results: Results) -> dict[str, Numbers]:
@@ -131,14 +128,6 @@ def _columns(results: Results) -> dict[str, Numbers]:
     return columns
 
 
-def _time_columns(charts: list[Chart]) -> list[str]:
-    """Names of the columns of times that charts have lines or bands over."""
-    names = ["t"]
-    for chart in charts:
-        names += [item["x"] for part in ("lines", "bands") for item in chart.get(part, [])]
-    return list(dict.fromkeys(names))
-
-
 def breaks_of(times: Numbers) -> list[int]:
     """Rows that a hole of the log separates from the row before."""
     steps = np.diff(floats(times))
@@ -149,10 +138,7 @@ def breaks_of(times: Numbers) -> list[int]:
 
 
 def _error_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
-    """Charts of errors in position and yaw; of differences if there is no truth.
-
-    Differences are those from the reference variant; their columns are added to `columns`.
-    """
+    """Charts of errors in position and yaw; without a truth, of differences."""
     names = results["series"]["variants"]
     has_yaw = has_yaw_errors(results)
     position_title, position_key = "Position error", "position_error_m"
@@ -161,23 +147,22 @@ def _error_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
         reference = results["reference_variant"]
         position_title, position_key = f"Distance from {reference}", "apart_m"
         yaw_title, yaw_key = f"Yaw less that of {reference}", "yaw_apart_rad"
-        for name in names:
-            columns[f"{name}/apart_m"], columns[f"{name}/yaw_apart_rad"] = _apart(results, name)
-    spans = _scored_spans(results)
+        origin = names[reference]
+        for name, own in names.items():
+            keys = ("x_m", "y_m", "yaw_rad")
+            x, y, turned = (floats(own[key]) - floats(origin[key]) for key in keys)
+            columns[f"{name}/apart_m"] = listed(np.hypot(x, y))
+            columns[f"{name}/yaw_apart_rad"] = listed(turned)
+    spans = outages(results)
     scored = " Yellow: without fixes, where drift is scored." if spans else ""
     note = f"Bands: the filter's own 3σ; bar at the edge: 3σ is off scale.{scored}"
     common = {"place": "errors", "spans": spans, "note": note}
-    position: Chart = {
-        "title": position_title,
-        "y_label": "position [m]",
-        "floor": 0.0,
-        "least": 1e-3,
-    }
+    position: Chart = {"title": position_title, "y_label": "position [m]"}
+    position |= {"floor": 0.0, "least": 1e-3}
     position["lines"] = [_line(name, position_key) for name in names]
     sigmas = {name: f"{name}/position_sigma_m" for name in names}
-    position["bands"] = [
-        _band(name, sigmas[name], 3.0) for name in names if known(columns[sigmas[name]])
-    ]
+    known_sigmas = {name: sigma for name, sigma in sigmas.items() if known(columns[sigma])}
+    position["bands"] = [_band(name, sigma, 3.0) for name, sigma in known_sigmas.items()]
     yaw: Chart = {"title": yaw_title, "y_label": "yaw [deg]", "least": 0.01}
     yaw["lines"] = [_line(name, yaw_key, scale=DEGREES) for name in names]
     yaw["bands"] = []
@@ -190,16 +175,8 @@ def _error_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
     return [common | position, common | yaw]
 
 
-def _apart(results: Results, name: str) -> tuple[Numbers, Numbers]:
-    """Distance [m] and yaw [rad] of a variant from the reference one, row by row."""
-    variants = results["series"]["variants"]
-    own, reference = variants[name], variants[results["reference_variant"]]
-    x, y, yaw = (floats(own[key]) - floats(reference[key]) for key in ("x_m", "y_m", "yaw_rad"))
-    return listed(np.hypot(x, y)), listed(yaw)
-
-
-def _scored_spans(results: Results) -> list[list[float]]:
-    """Intervals of time in which drift is scored, if there are fixes elsewhere."""
+def outages(results: Results) -> list[list[float]]:
+    """Intervals [s] in which drift is scored, if there are fixes outside of them."""
     truth = results["truth"]
     return list(truth["scored_s"]) if truth and results["log"]["fixes"] else []
 
@@ -247,10 +224,8 @@ def _move_by_turns(results: Results, columns: dict[str, Numbers]) -> dict[str, s
     In a hole of the log, a filter may turn more or less often than the robot did. Adds a column for each
     variant that moves; returns their names by variant.
     """
-    series = results["series"]
-    variants = series["variants"]
-    has_truth = "truth" in series
-    reference = series["truth"] if has_truth else variants[results["reference_variant"]]
+    series, variants = results["series"], results["series"]["variants"]
+    reference = series.get("truth") or variants[results["reference_variant"]]
     target = floats(reference["yaw_rad"])
     column_names = {}
     for name, variant in variants.items():
@@ -266,12 +241,9 @@ def _move_by_turns(results: Results, columns: dict[str, Numbers]) -> dict[str, s
 
 
 def _input_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
-    """Charts of measured track speeds, and of the yaw rates by them and by the gyro.
-
-    Adds the column "inputs/tracks_rad_s".
-    """
+    """Charts of track speeds and of yaw rates by them and by the gyro; adds a column."""
     name, faults = found_faults(results)
-    spans = [span for found in faults.values() for span in found]
+    spans = [span for of_fault in faults.values() for span in of_fault]
     note = f"Yellow: faults found by the variant {name}, see What was dropped." if spans else ""
     common: Chart = {"place": "inputs", "least": 1e-3, "spans": spans, "note": note}
     speeds = common | {"title": "Track speeds, as measured", "y_label": "speed [m/s]"}
@@ -279,19 +251,15 @@ def _input_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
         _labelled("left track", "inputs/left_m_s", LEFT_COLOUR),
         _labelled("right track", "inputs/right_m_s", RIGHT_COLOUR),
     ]
-    columns["inputs/tracks_rad_s"] = listed(turning_by_tracks(results))
+    inputs, gauge = results["series"]["inputs"], results["robot"]["vehicle"]["track_gauge"]
+    difference = floats(inputs["right_m_s"]) - floats(inputs["left_m_s"])
+    columns["inputs/tracks_rad_s"] = listed(difference / gauge)
     label = "by the tracks, (right − left) / gauge"
     lines = [_labelled(label, "inputs/tracks_rad_s", RIGHT_COLOUR)]
-    if "gyro_rad_s" in results["series"]["inputs"]:
+    if "gyro_rad_s" in inputs:
         lines.append(_labelled("by the gyro", "inputs/gyro_rad_s", GYRO_COLOUR))
     turning = common | {"title": "Yaw rate: tracks against gyro", "y_label": "yaw rate [rad/s]"}
     return [speeds, turning | {"lines": lines}]
-
-
-def turning_by_tracks(results: Results) -> Any:
-    """Yaw rate (n,) of an ideal differential drive by the track speeds [rad/s]."""
-    inputs, gauge = results["series"]["inputs"], results["robot"]["vehicle"]["track_gauge"]
-    return (floats(inputs["right_m_s"]) - floats(inputs["left_m_s"])) / gauge
 
 
 def _icr_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
@@ -343,7 +311,9 @@ def _parameter_charts(results: Results, columns: dict[str, Numbers]) -> list[Cha
         names = [name for name in variants if name not in constant.get(parameter, {})]
         if not names:
             continue
-        usual_sigma = max(_median(columns[f"{name}/{parameter}/sigma"]) for name in names)
+        sigmas = [floats(columns[f"{name}/{parameter}/sigma"]) for name in names]
+        medians = [float(np.nanmedian(sigma)) for sigma in sigmas if np.isfinite(sigma).any()]
+        usual_sigma = max(medians, default=0.0)
         lines, bands = [], []
         for name in names:
             times = {"x": f"{name}/parameters/t_s"}
@@ -363,7 +333,7 @@ def constant_parameters(results: Results) -> dict[str, dict[str, tuple[float, fl
     They move by less than `FLAT` of their standard deviation at the start: their curves are level. Keys
     are the names of parameters and variants.
     """
-    found: dict[str, dict[str, tuple[float, float]]] = {}
+    constant: dict[str, dict[str, tuple[float, float]]] = {}
     for name, variant in results["series"]["variants"].items():
         for parameter, columns in variant["parameters"].items():
             if parameter == "t_s":
@@ -371,14 +341,8 @@ def constant_parameters(results: Results) -> dict[str, dict[str, tuple[float, fl
             value, sigma = floats(columns["value"]), floats(columns["sigma"])
             moves = np.ptp(value) >= FLAT * sigma[0] or sigma[-1] < (1.0 - FLAT) * sigma[0]
             if np.isfinite(value).all() and not moves:
-                found.setdefault(parameter, {})[name] = (float(value[-1]), float(sigma[-1]))
-    return found
-
-
-def _median(values: Numbers) -> float:
-    """Median of the known values; 0 without any."""
-    numbers = floats(values)
-    return float(np.nanmedian(numbers)) if np.isfinite(numbers).any() else 0.0
+                constant.setdefault(parameter, {})[name] = (float(value[-1]), float(sigma[-1]))
+    return constant
 
 
 def _innovation_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
@@ -391,8 +355,7 @@ def _innovation_charts(results: Results, columns: dict[str, Numbers]) -> list[Ch
             dots = {"series": name, "x": f"{key}/t_s", "y": key, "size": 1.1}
             points.setdefault(component, []).append(dots)
     # Dashed at two sigma, solid at three.
-    levels = [{"y": y, "dash": "4 3"} for y in (-2.0, 2.0)]
-    levels += [{"y": y} for y in (-3.0, 3.0)]
+    levels = [*({"y": y, "dash": "4 3"} for y in (-2.0, 2.0)), {"y": -3.0}, {"y": 3.0}]
     return [
         {
             "place": "innovations",

@@ -32,23 +32,37 @@ Numbers = list[float | None]
 def drive_data(results: Results, columns: dict[str, Numbers]) -> Results:
     """Input of `drive.js`; adds the columns that it needs to `columns`."""
     series, vehicle = results["series"], results["robot"]["vehicle"]
-    contacts = _contacts(vehicle)
-    by_tracks = floats(columns["inputs/tracks_rad_s"])
+    length = 2.0 * vehicle["half_contact_length"]
+    # Centre and length [m] of what a side runs on: one track, or two wheels.
+    contacts = [[0.0, length]]
+    if has_wheels(vehicle):
+        diameter = min(2.0 * vehicle["sprocket_radius"], LARGEST_WHEEL * length)
+        contacts = [[0.5 * length, diameter], [-0.5 * length, diameter]]
+    verdict, names = results["verdict"], list(results["variants"])
+    # The variant that is animated first is the best one if its ICRs move.
+    first = "inertia-online" if "inertia-online" in names else str(names[-1])
+    if verdict and verdict["best"].startswith("inertia"):
+        first = str(verdict["best"])
+    by_tracks, ellipses = floats(columns["inputs/tracks_rad_s"]), {}
     for name, motion in series["variants"].items():
+        ellipses[name] = motion.get("ellipses", [])
         v_x, v_y, w = (floats(motion[key]) for key in ("v_x_m_s", "v_y_m_s", "w_rad_s"))
         columns[f"{name}/lost_rad_s"] = listed((by_tracks - w) * np.sign(by_tracks))
-        columns[f"{name}/slip_angle_deg"] = listed(_slip_angle(v_x, v_y))
+        # Angle from the robot's axis to its travel, to the left.
+        angles = np.degrees(np.arctan2(v_y, np.abs(v_x)))
+        is_moving = np.hypot(v_x, v_y) >= LEAST_SPEED
+        columns[f"{name}/slip_angle_deg"] = listed(np.where(is_moving, angles, math.nan))
     return {
         "gauge": vehicle["track_gauge"],
-        "length": max(2.0 * centre + length for centre, length in contacts),
-        "base": 2.0 * vehicle["half_contact_length"],
+        "length": max(2.0 * centre + extent for centre, extent in contacts),
+        "base": length,
         "contacts": contacts,
         "variants": {
             name: {key: f"{name}/{column}" for key, column in MOTION.items()}
             for name in series["variants"]
         },
-        "ellipses": {name: one.get("ellipses", []) for name, one in series["variants"].items()},
-        "first": _shown_first(results),
+        "ellipses": ellipses,
+        "first": first,
         "truth": "truth" in series,
         "fixes": bool(series.get("fixes", {}).get("x_m")),
         "gyro": "gyro_rad_s" in series["inputs"],
@@ -61,37 +75,8 @@ def has_wheels(vehicle: Results) -> bool:
     return bool(vehicle["contact_points"] == WHEELS)
 
 
-def _contacts(vehicle: Results) -> list[list[float]]:
-    """Centre and length of what a side runs on: one track, or two wheels [m]."""
-    length = 2.0 * vehicle["half_contact_length"]
-    if not has_wheels(vehicle):
-        return [[0.0, length]]
-    diameter = min(2.0 * vehicle["sprocket_radius"], LARGEST_WHEEL * length)
-    return [[0.5 * length, diameter], [-0.5 * length, diameter]]
-
-
-def _shown_first(results: Results) -> str:
-    """Variant that is animated first.
-
-    It is the best one if its ICRs move (inertia variants), otherwise inertia-online, or the last.
-    """
-    verdict, names = results["verdict"], list(results["variants"])
-    if verdict and verdict["best"].startswith("inertia"):
-        return str(verdict["best"])
-    return "inertia-online" if "inertia-online" in names else str(names[-1])
-
-
-def _slip_angle(v_x: Any, v_y: Any) -> Any:
-    """Angle (n,) from the robot's axis to its travel, to the left [deg]; NaN if slow."""
-    moving = np.hypot(v_x, v_y) >= LEAST_SPEED
-    return np.where(moving, np.degrees(np.arctan2(v_y, np.abs(v_x))), math.nan)
-
-
 def _colourings(results: Results, columns: dict[str, Numbers]) -> list[Results]:
-    """Choices of what colours the path: title, meaning, unit, sign, column by variant.
-
-    Only those with values; a variant without values has no column.
-    """
+    """Choices of what colours the path, and columns of the variants with values."""
     choices = []
     nis = "mean NIS of all sensors per degree of freedom, ideal 1"
     for title, meaning, key, unit, is_signed in (
@@ -121,4 +106,4 @@ def floats(values: Numbers | list[Numbers]) -> Any:
 
 def listed(values: Any) -> Numbers:
     """Five significant digits of an array, None for NaN."""
-    return [float(f"{one:.5g}") if math.isfinite(one) else None for one in values.tolist()]
+    return [float(f"{value:.5g}") if math.isfinite(value) else None for value in values.tolist()]

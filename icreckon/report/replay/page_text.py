@@ -132,10 +132,7 @@ def verdict_text(verdict: Results, logs: int = 1) -> str:
 
 
 def _next_best(verdict: Results, short: str) -> str:
-    """Lead of the best variant over the others, if the best is the baseline.
-
-    `short` begins the sentence on logs that are too short: "The log is" or "The logs are".
-    """
+    """Lead of the baseline over the others; `short` is "The log is" or "The logs are"."""
     if verdict["drift_percent_95"] is None:
         return f"{short} too short to say whether the others drift more by more than chance."
     perhaps_equal, ratios = verdict["not_shown_worse"], verdict["ratios_to_best"]
@@ -180,11 +177,8 @@ def _apart(results: Results) -> str:
 
 
 def calibration_hint(results: Results) -> list[str]:
-    """Command that calibrates the robot, as one line; empty if it does not apply.
-
-    It applies to `icreckon replay` with a truth other than the fixes, and a robot file whose index gains
-    are all zero: no calibration has set them.
-    """
+    """Command that calibrates the robot, as one line; empty if it does not apply."""
+    # It takes a truth other than the fixes. Index gains that are all zero show no calibration.
     truth, configuration = results["truth"], results["configuration"]
     indices = results["robot"]["indices"]
     gains = [indices[name] for name in ("zeta1", "epsilon1", "eta1", "eta2", "epsilon_F")]
@@ -284,9 +278,8 @@ def arm_text(results: Results) -> str:
 def doubts(results: Results) -> list[str]:
     """Contradictions of the log to the robot file: notes with a prefix of their own."""
     log_notes = results["log"]["notes"]
-    return [
-        note.removeprefix(OF_ROBOT_FILE) for note in log_notes if note.startswith(OF_ROBOT_FILE)
-    ]
+    doubts_of_log = (note for note in log_notes if note.startswith(OF_ROBOT_FILE))
+    return [note.removeprefix(OF_ROBOT_FILE) for note in doubts_of_log]
 
 
 def notes(results: Results) -> list[str]:
@@ -336,9 +329,14 @@ def lowest(variants: dict[str, Any], key: str) -> str | None:
     return min(known, key=lambda name: known[name]) if known else None
 
 
-def horizon_text(label: str) -> str:
+def seconds_text(horizon: str) -> str:
+    """Format the horizon "30s" as "30 s"."""
+    return f"{horizon[:-1]} {horizon[-1]}"
+
+
+def horizon_text(horizon: str) -> str:
     """Format the horizon "30s" as "after 30 s"."""
-    return f"after {label[:-1]} {label[-1]}"
+    return f"after {seconds_text(horizon)}"
 
 
 def number(value: float | None) -> str:

@@ -21,8 +21,7 @@ class Column(NamedTuple):
     decimals: int
 
 
-# Prefixes of notes that are banners above the table.
-BANNERS = (OF_ROBOT_FILE, OF_STAMPS)
+BANNERS = (OF_ROBOT_FILE, OF_STAMPS)  # prefixes of notes that are banners above the table
 SCORE_COLUMNS = (
     Column("drift 10 s\n% of distance", "drift_percent_10s_mean", 2),
     Column("drift 30 s\n% of distance", "drift_percent_30s_mean", 2),
@@ -91,7 +90,7 @@ def results_table(results: Results, *, narrow: int = 0) -> Group:
     if narrow:
         columns = _fitting(results, columns, narrow)
     # NEES has an ideal, and no lowest that is best; differences have no best at all.
-    compared = [one.key for one in columns if truth and not one.key.startswith("nees")]
+    compared = [column.key for column in columns if truth and not column.key.startswith("nees")]
     tables = [_table(results, _title(results), columns, compared)]
     if page_text.is_spatial(results):
         # Its last columns, the height at the end and its sigma, are not compared.
@@ -118,7 +117,7 @@ def _with_values(results: Results, columns: Sequence[Column]) -> list[Column]:
     if verdict is not None:
         key = f"drift_percent_{verdict['horizon']}_mean"
         if key not in [column.key for column in columns]:
-            heading = f"drift {verdict['horizon'][:-1]} {verdict['horizon'][-1]}\n% of distance"
+            heading = f"drift {page_text.seconds_text(verdict['horizon'])}\n% of distance"
             columns = [Column(heading, key, 2), *columns]
     variants = results["variants"].values()
     known = {key for scores in variants for key, value in scores.items() if value is not None}
@@ -155,7 +154,7 @@ def _table(
         table.add_column(column.heading, justify="right")
     best = {key: lowest(results["variants"], key) for key in compared}
     for name, scores in results["variants"].items():
-        cells = [_cell(scores, one, is_best=best.get(one.key) == name) for one in columns]
+        cells = [_cell(scores, column, is_best=best.get(column.key) == name) for column in columns]
         table.add_row(name, *cells)
     for name in results["failed"]:
         table.add_row(name, *[Text("ERROR", style="bold red")] * len(columns))

@@ -24,17 +24,15 @@ from icreckon.simulation.study.summary import CONFIDENCE
 # Custom labels have the colours that the variants leave.
 OTHER_COLOURS = ("#009E73", "black", "#F0E442", *COLOURS.values())
 MARKERS = "osD^vPX*"
-STYLE = {"font.size": 12, "legend.framealpha": 0.9}
-# Without the version of matplotlib, so that equal figures are equal bytes.
-METADATA = {"Software": None}
+STYLE = {"font.size": 12, "axes.titlesize": 11, "legend.fontsize": 10, "legend.framealpha": 0.9}
+METADATA = {"Software": None}  # no version of matplotlib: equal figures are equal bytes
 # Most names on an axis, or letters in them, without rotation; most cells named by their values.
 MOST_UPRIGHT = 4
 MOST_LETTERS = 60
 MOST_NAMED_CELLS = 12
 LEAST_DRIFT = 1e-6  # smallest drift that a colour shows [%]
 LOG_SPAN = 30.0  # ratio of the largest to the smallest value from which an axis is logarithmic
-# Range of the variants at one place, as a share of the distance between places.
-SPREAD = 0.5
+SPREAD = 0.5  # range of the variants at one place, as a share of the distance between places
 INERTIAL = {
     "noise_density": "{}/√Hz",
     "bias_sigma": "{}",
@@ -145,11 +143,11 @@ def _draw_effect(
         highs.append(np.fmax(mean, high))
     _limit(axes, np.concatenate(means), np.concatenate(highs))
     _label_places(axes, axis, groups, places)
-    axes.set_xlabel(with_unit(axis["name"]))
+    subject = f"[{unit_of(results, statistic)}]"
     if key == "ratio":
-        axes.set_ylabel(f"{title_of(results, statistic)}\nover that of {results['baseline']} [-]")
-    else:
-        axes.set_ylabel(f"{title_of(results, statistic)}\n[{unit_of(results, statistic)}]")
+        subject = f"over that of {results['baseline']} [-]"
+    label = f"{title_of(results, statistic)}\n{subject}"
+    axes.set(xlabel=with_unit(axis["name"]), ylabel=label)
     _add_legend(axes)
 
 
@@ -173,17 +171,15 @@ def _label_places(axes: Axes, axis: dict[str, Any], groups: list[Any], places: A
 def _add_legend(axes: Axes) -> None:
     """Draw the legend above the axes, where it hides no line."""
     handles, labels = axes.get_legend_handles_labels()
-    axes.figure.legend(handles, labels, loc="outside upper center", ncols=4, fontsize=10)
+    axes.figure.legend(handles, labels, loc="outside upper center", ncols=4)
 
 
 def _mark_missing(axes: Axes, places: Any, values: Any, colour: str) -> None:
     """Mark places without a result with a cross at the lower edge."""
     missing = places[~np.isfinite(values)]
     style: Any = {"color": colour, "ms": 9, "mew": 2.5, "clip_on": False}
-    style |= {
-        "transform": axes.get_xaxis_transform(),
-        "label": "no result" if len(missing) else None,
-    }
+    style["transform"] = axes.get_xaxis_transform()
+    style["label"] = "no result" if len(missing) else None
     axes.plot(missing, np.full(len(missing), 0.03), "x", **style)
 
 
@@ -222,7 +218,7 @@ def _grid(results: Results) -> Picture:
                 colour = "white" if np.isfinite(value) and scale(value) > 0.5 else "black"
                 text = f"{value:#.3g}".rstrip(".") if np.isfinite(value) else "x"
                 axes.text(column, row, text, ha="center", va="center", color=colour, size=10)
-            axes.set_title(label, fontsize=11)
+            axes.set_title(label)
             axes.set_xticks(range(len(column_names)), column_names)
             axes.set_yticks(range(len(row_names)), row_names)
             if max(map(len, column_names)) * len(column_names) * panel_columns > MOST_LETTERS:
@@ -300,9 +296,8 @@ def _label_cells(axes: Axes, results: Results) -> None:
     cells, variants = results["cells"], results["variants"]
     keys = [axis["name"] for axis, _ in swept(results)]
     if keys and len(cells) <= MOST_NAMED_CELLS:
-        _name_places(
-            axes, ["\n".join(shown(cell["values"][key]) for key in keys) for cell in cells]
-        )
+        names = ["\n".join(shown(cell["values"][key]) for key in keys) for cell in cells]
+        _name_places(axes, names)
         axes.set_xlabel("\n".join(map(with_unit, keys)))
     elif len(cells) == 1:
         places = [_offset(number, len(variants)) for number in range(len(variants))]
@@ -313,10 +308,7 @@ def _label_cells(axes: Axes, results: Results) -> None:
 
 
 def _distribution(results: Results, others: str) -> Picture:
-    """Draw the cumulative distribution of final errors, in a panel for each group.
-
-    `others` is a remark of the caption on other axes of the sweep, or empty.
-    """
+    """Draw the distribution of final errors by group; `others` ends the caption."""
     groups = [group for group in results["final_errors"] if group["percentiles"]]
     rows = max(1, math.ceil(len(groups) / 2))
     columns = min(2, max(1, len(groups)))
@@ -331,7 +323,7 @@ def _distribution(results: Results, others: str) -> Picture:
                 percentiles, colour = group["percentiles"][label], _colours(results)[label]
                 errors += percentiles
                 axes.plot(floats(percentiles), share, color=colour, lw=1.5, label=label)
-            axes.set_title(f"{group['axis']} {group['group']}".strip(), fontsize=11)
+            axes.set_title(f"{group['axis']} {group['group']}".strip())
         positive = [error for error in errors if error > 0.0]
         if positive and max(positive) > LOG_SPAN * np.median(positive):
             panels[0].set_xscale("log")
@@ -345,7 +337,7 @@ def _distribution(results: Results, others: str) -> Picture:
         for axes in grid[:, 0]:
             axes.set_ylabel("share of runs")
         if groups:
-            panels[0].legend(fontsize=10, loc="lower right")
+            panels[0].legend(loc="lower right")
         title = "Distribution of the position error at the end of the run"
         caption = f"{title}: share of runs up to it{others}."
         return Picture("final-error-distribution", caption, png(figure, METADATA))
@@ -358,8 +350,7 @@ def _limit(axes: Axes, means: Any, highs: Any) -> None:
         return
     lowest, highest = float(means.min()), float(means.max())
     if lowest > 0.0 and highest > LOG_SPAN * lowest:
-        axes.set_yscale("log")
-        axes.set_ylim(0.5 * lowest, 2.0 * highest)
+        axes.set(yscale="log", ylim=(0.5 * lowest, 2.0 * highest))
         return
     top = 1.08 * min(float(highs.max()), 2.5 * highest)
     # An axis of zeros alone needs some height.

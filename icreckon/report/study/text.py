@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 from icreckon.report.printable import change, change_range
 from icreckon.simulation.study.results import FINAL_ERROR, Results, shown
 
-# Most cells of a table by cell; with more, tables are by axis.
-MOST_CELLS = 24
+MOST_CELLS = 24  # most cells of a table by cell; with more, tables are by axis
 NEES = "nees_pose_end"
 # NEES from which a filter is much too sure, the mark next to it, and keys that change the sensors' noise.
 MUCH_NEES, MARK = 6.0, "*"
@@ -18,8 +17,7 @@ ERROR = "ERROR"  # first word of failure messages
 # Most failures and reasons in the text; `results.json` lists all.
 MOST_FAILURES, MOST_REASONS = 12, 3
 LONGEST_REASON = 60  # longest reason in a table [characters]; the list of failures has it in full
-# Text for a statistic that runs with a result need not have, as a drift without an outage.
-NO_VALUE = "none to score"
+NO_VALUE = "none to score"  # text for a statistic that a run lacks, as a drift without an outage
 
 
 @dataclass(frozen=True)
@@ -87,8 +85,7 @@ def _comparison(results: Results, name: str) -> str:
 def _wins_and_losses(results: Results, name: str) -> str:
     """Cells in which a variant drifts significantly less and more than the baseline.
 
-    Names the cells of the largest win and loss. Empty if fewer than two cells have a ratio with an
-    interval.
+    Names those of the largest win and loss. Empty for fewer than two cells with an interval.
     """
 
     def ratio(cell: dict[str, Any], end: str = "") -> float:
@@ -179,15 +176,13 @@ def notes(results: Results, *, narrow: bool = False) -> list[str]:
 
 
 def _unknown_noise_note(results: Results) -> list[str]:
-    """Note on a large NEES of filters without the swept noise; empty otherwise.
-
-    A case that also sets the filter's own IMU noise does not count.
-    """
+    """Note on a large NEES of filters without the swept noise; empty otherwise."""
     study = results["configuration"]
     sweep = study.get("sweep") or {}
     keys = [*(sweep.get("grid") or {}), *((sweep.get("latin") or {}).get("ranges") or {})]
     for changes_by_case in (sweep.get("cases") or {}).values():
         for changes in changes_by_case.values():
+            # A case that also sets the filter's own IMU noise does not count.
             if not any("filter.imu" in key for key in changes):
                 keys += changes
     noisy = sorted({key for key in keys if key.split(".")[0] in NOISE_KEYS})
@@ -219,7 +214,7 @@ def summary_tables(results: Results, *, narrow: bool = False) -> list[TextTable]
     tables = []
     for _, effect in swept(results):
         groups = effect["groups"]
-        places = [_Place((one["name"],), one["variants"], one["cells"]) for one in groups]
+        places = [_Place((group["name"],), group["variants"], group["cells"]) for group in groups]
         title = f"by {effect['axis']}, over all else that is swept"
         tables.append(_table(results, title, (effect["axis"],), places, narrow))
     return tables
@@ -242,7 +237,7 @@ def unit_of(results: Results, statistic: str) -> str:
 
 
 def _statistic(results: Results, name: str) -> dict[str, Any]:
-    return next(one for one in results["statistics"] if one["name"] == name)
+    return next(statistic for statistic in results["statistics"] if statistic["name"] == name)
 
 
 def _table(
@@ -264,14 +259,17 @@ def _table(
             blanks = [""] * (1 + len(numbers) - len(texts))
             rows.append((*values, *texts, *blanks))
             values = ("",) * len(axes)
-    head = (*(_last_parts(axes) if narrow else axes), "variant", *numbers)
+    last_parts = [axis.rpartition(".")[2] for axis in axes]
+    # Shortened to the part after the last dot, unless two become equal.
+    is_shortened = narrow and len(set(last_parts)) == len(axes)
+    head = (*(last_parts if is_shortened else axes), "variant", *numbers)
     return TextTable(title, head, tuple(rows), len(axes) + 1)
 
 
 def _variant_texts(results: Results, place: _Place, label: str, narrow: bool) -> list[str]:
     """Label and numbers of a variant at a place; label and error if it has no result."""
     summaries = place.variants[label]
-    failed = [one for one in results["failed"]["cells"] if one["variant"] == label]
+    failed = [failure for failure in results["failed"]["cells"] if failure["variant"] == label]
     failed = [failure for failure in failed if failure["cell"] in place.cells]
     if summaries[FINAL_ERROR]["n"] == 0:
         return [label, f"{ERROR}: {_first_reason(failed) if failed else 'no result'}"]
@@ -289,12 +287,6 @@ def _variant_texts(results: Results, place: _Place, label: str, narrow: bool) ->
     if is_large and _unknown_noise_note(results):
         nees_text += f" {MARK}"
     return [name, with_interval(drift, "mean"), ratio, *errors, nees_text]
-
-
-def _last_parts(axes: tuple[str, ...]) -> tuple[str, ...]:
-    """Shorten names to the part after their last dot, unless two become equal."""
-    last_parts = tuple(axis.rsplit(".", 1)[-1] for axis in axes)
-    return last_parts if len(set(last_parts)) == len(axes) else axes
 
 
 def _first_reason(failed: Sequence[dict[str, Any]]) -> str:

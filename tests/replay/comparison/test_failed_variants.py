@@ -131,8 +131,9 @@ def test_smoothing_that_is_lost_leaves_the_filter(monkeypatch: pytest.MonkeyPatc
 
 def test_the_command_writes_what_it_has_and_exits_with_1(monkeypatch, tmp_path, capsys):
     lose(monkeypatch, ("inertia-online",))
-    options = {"command": "replay", "configuration": {}, "inputs": {}, "workers": 1}
-    failed = compare_and_report(LOG, ROBOT, tmp_path, variants=[*VARIANTS], **options)
+    origin = {"command": "replay", "configuration": {}, "inputs": {}}
+    options = {"variants": [*VARIANTS], "origin": origin, "workers": 1}
+    failed = compare_and_report(LOG, ROBOT, tmp_path, **options)
     assert {"results.json", "page.html", "figure.png"} <= {path.name for path in tmp_path.iterdir()}
     results = results_in(tmp_path)
     assert list(results["failed"]) == ["inertia-online"]
