@@ -126,8 +126,10 @@ def assembled(
     refitted = dict(shared)
     for name in ("constant", "inertia"):
         if name in fits:
-            refitted[name], new, own_kept = _written(shared[name], name, new, common_values, refit)
-            kept_names |= _result_names(name, own_kept)
+            refitted[name], new, kept_indices = _written(
+                shared[name], name, new, common_values, refit
+            )
+            kept_names |= _result_names(name, kept_indices)
     rows = _parameters(robot, new, fits, refitted, main, radii, speeds_by_radius)
     richest = fits.get("inertia", fits["constant"])
     free = np.flatnonzero(richest.free)
@@ -147,22 +149,13 @@ def assembled(
 
 
 def _written(
-    found: Fit, name: str, new: Robot, common_values: dict[str, float], refit: Refit
+    shared_fit: Fit, name: str, new: Robot, common_values: dict[str, float], refit: Refit
 ) -> tuple[Fit, Robot, frozenset[str]]:
-    """Fit a model again as the new file has it, and put it there.
+    """Refit a model with the common values, and put it into the new robot file.
 
-    Args:
-        found: fit of the model.
-        name: name of the model.
-        new: robot with the common values.
-        common_values: common values of the new file, by name.
-        refit: refits a model.
-
-    Returns:
-        The fit with the common values; the robot with the parameters of the model; those of them that the
-        logs do not contradict, at which the others are fitted once more.
+    Also returns the names of parameters that the logs do not contradict, which keep the file's values.
     """
-    model_fit = _refitted(found, name, common_values, refit)
+    model_fit = _refitted(shared_fit, name, common_values, refit)
     problem = model_fit.problem
     kept = model_fit.not_contradicted(p.name for p in problem.model.parameters)
     kept_values = {key: float(problem.start[problem.place(key)]) for key in kept}
@@ -203,20 +196,17 @@ def _is_default(robot: Robot, name: str) -> bool:
     )
 
 
-def _result_names(model: str, names: frozenset[str]) -> set[str]:
-    """Names in the results of a model's parameters `names` that stay as in the file.
-
-    Results of the constant model are ICRs: one stays if all indices that it depends on stay.
-    """
+def _result_names(model: str, kept_indices: frozenset[str]) -> set[str]:
+    """Names in the results that stay as in the file, since all indices behind them do."""
     if model == "inertia":
-        return {f"indices.{name}" for name in names}
-    indices = {
+        return {f"indices.{name}" for name in kept_indices}
+    needed_indices = {
         "constant_icr.x_ICRl": {"epsilon0", "eta0"},
         "constant_icr.x_ICRr": {"epsilon0", "eta0"},
         "constant_icr.y_ICR": {"zeta0"},
         "effective_track": {"eta0"},
     }
-    return {name for name, needed in indices.items() if needed <= names}
+    return {name for name, needed in needed_indices.items() if needed <= kept_indices}
 
 
 def with_difference(fits: Mapping[str, Fit], difference: float, refit: Refit) -> dict[str, Fit]:
@@ -225,25 +215,25 @@ def with_difference(fits: Mapping[str, Fit], difference: float, refit: Refit) ->
     return {name: _refitted(fit, name, held, refit) for name, fit in fits.items()}
 
 
-def as_found(robot: Robot, found: Fit) -> Robot:
+def as_fitted(robot: Robot, fit: Fit) -> Robot:
     """Robot with the parameters of a fit's model, and with its scale of the gyro."""
-    imu = msgspec.structs.replace(robot.imu, gyro_scale=found.value("gyro_scale"))
-    return _put(found, msgspec.structs.replace(robot, imu=imu))
+    imu = msgspec.structs.replace(robot.imu, gyro_scale=fit.value("gyro_scale"))
+    return _put(fit, msgspec.structs.replace(robot, imu=imu))
 
 
 def _refitted(
-    found: Fit, name: str, held: dict[str, float], refit: Refit, always: bool = False
+    fit: Fit, name: str, held: dict[str, float], refit: Refit, always: bool = False
 ) -> Fit:
-    """Refit the model `name` with held parameters, unless `found` nearly has them."""
-    changes = [abs(found.value(key) - value) for key, value in held.items()]
+    """Refit the model `name` with held parameters, unless `fit` nearly has them."""
+    changes = [abs(fit.value(key) - value) for key, value in held.items()]
     if not always and max(changes) <= LEAST_CHANGE:
-        return found
-    return refit(name, found.by_name | held, frozenset(held))
+        return fit
+    return refit(name, fit.by_name | held, frozenset(held))
 
 
-def _put(found: Fit, robot: Robot) -> Robot:
+def _put(fit: Fit, robot: Robot) -> Robot:
     """Robot with the parameters of a fit's motion model."""
-    return found.problem.model.put_into(robot, found.problem.own(found.values))
+    return fit.problem.model.put_into(robot, fit.problem.own(fit.values))
 
 
 def _supported_fits(fits: Mapping[str, Fit], comparison: ModelComparison) -> list[Fit]:
@@ -310,15 +300,15 @@ def _bias(robot: Robot, main: Fit) -> FoundParameter:
     return FoundParameter("imu.gyro_bias", "rad/s", bias.mean, bias.error, status, before, note)
 
 
-def _status(found: Fit, name: str) -> Status:
+def _status(fit: Fit, name: str) -> Status:
     """Status: held, shown by the logs, or shown on condition that held ones are right."""
-    if not found.is_free(name):
+    if not fit.is_free(name):
         return "held"
-    return "shown" if found.shown[found.problem.place(name)] else "conditional"
+    return "shown" if fit.shown[fit.problem.place(name)] else "conditional"
 
 
 def _row(
-    found: Fit,
+    fit: Fit,
     name: str,
     result_name: str,
     unit: str,
@@ -328,16 +318,16 @@ def _row(
     note: str = "",
     sigmas: Fit | None = None,
 ) -> FoundParameter:
-    """Row of a parameter: value of `found`, standard error of `sigmas` if given.
+    """Row of a parameter: value of `fit`, standard error of `sigmas` if given.
 
     Value and error are times `factor`. A held one has the file's value `before`, if there is one.
     """
-    errors = sigmas or found
+    errors = sigmas or fit
     is_free = errors.is_free(name)
     return FoundParameter(
         name=result_name,
         unit=unit,
-        value=factor * found.value(name) if is_free or before is None else before,
+        value=factor * fit.value(name) if is_free or before is None else before,
         sigma=factor * errors.sigma(name) if is_free else None,
         status=_status(errors, name),
         before=before,
@@ -345,7 +335,7 @@ def _row(
     )
 
 
-def _constant(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
+def _constant(robot: Robot, fit: Fit, sigmas: Fit) -> list[FoundParameter]:
     """ICRs of the constant model by its indices; standard errors are of `sigmas`."""
     gauge, before = robot.vehicle.track_gauge, robot.constant_indices
     epsilon, eta = (sigmas.problem.place(name) for name in ("epsilon0", "eta0"))
@@ -372,33 +362,31 @@ def _constant(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
             FoundParameter(
                 name=f"constant_icr.{name}",
                 unit="m",
-                value=found.value("epsilon0") + side * gauge * found.value("eta0"),
+                value=fit.value("epsilon0") + side * gauge * fit.value("eta0"),
                 sigma=None if status == "held" else sigma,
                 status=status,
                 before=before.epsilon0 + side * gauge * before.eta0,
                 note=note,
             )
         )
-    y_ICR = _row(found, "zeta0", "constant_icr.y_ICR", "m", before=before.zeta0, sigmas=sigmas)
+    y_ICR = _row(fit, "zeta0", "constant_icr.y_ICR", "m", before=before.zeta0, sigmas=sigmas)
     old_width = gauge * before.eta0
-    width = _row(
-        found, "eta0", "effective_track", "m", factor=gauge, before=old_width, sigmas=sigmas
-    )
+    width = _row(fit, "eta0", "effective_track", "m", factor=gauge, before=old_width, sigmas=sigmas)
     return [*rows, y_ICR, replace(width, note="eta0 of constant ICRs times the gauge")]
 
 
-def _inertia(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
+def _inertia(robot: Robot, fit: Fit, sigmas: Fit) -> list[FoundParameter]:
     """Indices of the inertia-based model; standard errors are of `sigmas`."""
     indices, x_CM = robot.indices, sigmas.problem.model.vehicle.x_CM
-    half_track = 0.5 * robot.vehicle.track_gauge * found.value("eta0")
-    epsilon = found.value("epsilon0")
+    half_track = 0.5 * robot.vehicle.track_gauge * fit.value("eta0")
+    epsilon = fit.value("epsilon0")
     # H is the ratio of the track speeds as the robot turns about its centre of mass.
     implied = (half_track - epsilon + x_CM) / (half_track + epsilon - x_CM)
     note = f"acts in the literal form only; the ICRs found imply {implied:.3f}"
     rows = [FoundParameter("indices.H", "-", indices.H, None, "held", indices.H, note)]
     for name, unit, *_ in sigmas.problem.model.parameters:
         before = getattr(indices, name)
-        rows.append(_row(found, name, f"indices.{name}", unit, before=before, sigmas=sigmas))
+        rows.append(_row(fit, name, f"indices.{name}", unit, before=before, sigmas=sigmas))
     return rows
 
 
@@ -452,11 +440,9 @@ def _verdict(comparison: ModelComparison) -> str:
         f"The data support {TITLES[chosen]}. Held-out drift of dead reckoning by the tracks alone is "
         f"{score.drift_percent:.1f} % (95 % interval {score.drift_low:.1f} to {score.drift_high:.1f})."
     )
-    parts, is_unclear = [], False
-    for other in comparison.scores:
+    clauses, is_unclear = [], False
+    for other in (score for score in comparison.scores if score.model != chosen):
         name = other.model
-        if name == chosen:
-            continue
         pair = comparison.difference(chosen, name)
         # Interval of the other model's drift less that of the chosen one.
         low, high = pair.drift_low, pair.drift_high
@@ -465,12 +451,12 @@ def _verdict(comparison: ModelComparison) -> str:
         tendency = "worse" if other.drift_percent > score.drift_percent else "better"
         word = "worse" if low > 0.0 else "better" if high < 0.0 else f"not clearly {tendency}"
         is_unclear |= word == "not clearly better"
-        parts.append(
+        clauses.append(
             f"{TITLES[name]} {'are' if name in PLURAL_TITLES else 'is'} {word} "
             f"({other.drift_percent:.1f} %, difference {low:+.1f} to {high:+.1f})"
         )
-    if not parts:
+    if not clauses:
         return verdict
-    others = ", ".join(parts)
+    sentence = ", ".join(clauses)
     more = " These logs cannot separate the models." if is_unclear else ""
-    return f"{verdict} {others[0].upper()}{others[1:]}.{more}"
+    return f"{verdict} {sentence[0].upper()}{sentence[1:]}.{more}"

@@ -152,10 +152,8 @@ def _with_radii(robot: Robot, radii: Fit, supported: Sequence[Fit], scale_sigma:
 
 
 def _vertical_gyro_scale(robot: Robot, main: Fit, rotation: Floats) -> float:
-    """Scale of the gyro about the vertical by the calibrated mounting (3, 3).
-
-    The scale of the fit is about the vertical by the robot file.
-    """
+    """Scale of the gyro about the vertical by the calibrated mounting (3, 3)."""
+    # The scale of the fit is about the vertical by the robot file.
     if robot.imu.gyro_axes == "z":
         return main.value("gyro_scale") * float(robot.imu_rotation[2, 2] / rotation[2, 2])
     # Regression of the robot's rotation about the new vertical on that about the old one.
@@ -204,10 +202,7 @@ def _sigma_over_logs(main: Fit, name: str, file_sigma: float) -> float:
 
 
 def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floats]:
-    """Roll, pitch, yaw of the IMU [deg], and the rotation matrix (3, 3).
-
-    Of the rotations that level it only those beyond their error count.
-    """
+    """Roll, pitch, yaw of the IMU [deg], corrected where significant, and as a matrix."""
     roll, pitch, yaw = (
         turn if abs(turn) > CERTAIN * error else 0.0 for turn, error in mounting_turns(main)
     )
@@ -243,5 +238,6 @@ def mounting_turns(main: Fit) -> list[tuple[float, float]]:
 def _values_of_logs(main: Fit, name: str) -> tuple[Floats, Floats]:
     """Values (l,) of a parameter of each log that shows it, and their standard errors."""
     names = [f"{name}[{log}]" for log in range(len(main.problem.recording.motions))]
-    free = [one for one in names if main.is_free(one)]
-    return np.array([main.value(one) for one in free]), np.array([main.sigma(one) for one in free])
+    free = [name for name in names if main.is_free(name)]
+    values = [main.value(name) for name in free]
+    return np.array(values), np.array([main.sigma(name) for name in free])

@@ -6,6 +6,7 @@ of a few segments.
 """
 
 from collections.abc import Mapping
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -76,11 +77,11 @@ def validate(fits: Mapping[str, Fit]) -> ModelComparison:
     )
     sums = {name: _held_out(fit, windows, window_blocks) for name, fit in fits.items()}
     names = list(sums)
-    differences = {
-        (name, other): _difference(name, other, sums, blocks)
-        for number, name in enumerate(names)
-        for other in names[:number]
-    }
+    differences = {}
+    for other, name in combinations(names, 2):
+        drift = blocks.drift(sums[name].error - sums[other].error)
+        gain = blocks.likelihood(sums[name].likelihood - sums[other].likelihood)
+        differences[name, other] = Difference(name, other, *drift, *gain)
     supported = names[0]
     for name in names[1:]:
         # Each later model replaces the one chosen so far if it is significantly better than that.
@@ -111,25 +112,13 @@ def _score(name: str, fit: Fit, sums: HeldOutSums, blocks: _Blocks) -> ModelScor
     )
 
 
-def _difference(
-    name: str, other: str, sums: Mapping[str, HeldOutSums], blocks: _Blocks
-) -> Difference:
-    """Difference of the scores of one model from those of another."""
-    drift, drift_low, drift_high = blocks.drift(sums[name].error - sums[other].error)
-    gain, gain_low, gain_high = blocks.likelihood(sums[name].likelihood - sums[other].likelihood)
-    return Difference(name, other, drift, drift_low, drift_high, gain, gain_low, gain_high)
-
-
 def likeliest(comparison: ModelComparison) -> str:
     """Name of the model with the highest held-out likelihood."""
     return max(comparison.scores, key=lambda score: score.log_likelihood).model
 
 
 def _jumped(fit: Fit) -> NDArray[np.bool_]:
-    """Mask (n,) of segments whose truth jumped: it turned too unlike the gyro.
-
-    The mask does not depend on the motion model.
-    """
+    """Mask (n,) of segments whose truth jumped by its turning, which needs no model."""
     result = np.zeros(len(fit.problem.recording.log), dtype=bool)
     for channel, weight in zip(fit.noise.channels, fit.noise.weights, strict=True):
         if channel.name == "yaw":
@@ -182,17 +171,13 @@ def _held_out(
 def _window_errors(
     fit: Fit, values: Floats, windows: list[NDArray[np.int64]]
 ) -> tuple[Floats, Floats]:
-    """Distance (w,) of the ends of windows by the model from those by the truth [m].
-
-    The first is with headings from the tracks alone, the second with headings from the gyro.
-    """
+    """Errors (w,) of the ends of windows: headings by the tracks alone, by the gyro [m]."""
     problem, recording = fit.problem, fit.problem.recording
     twist, cell = problem.twist(values), recording.cell
     heading, _ = problem.heading(values)
     place = problem.body_places(values)
-    alone: list[float] = []
-    aided: list[float] = []
-    for window in windows:
+    result = np.zeros((2, len(windows)))
+    for index, window in enumerate(windows):
         v_x, v_y, w = (twist[window, :, axis].ravel() for axis in range(3))
         # Headings in the middle of each cell.
         start = heading[window[0], 0]
@@ -200,8 +185,9 @@ def _window_errors(
         turns = np.diff(heading[window], axis=1).ravel()
         by_gyro = start + np.cumsum(turns) - 0.5 * turns
         true_x, true_y = place[recording.ends[window[-1]]] - place[recording.starts[window[0]]]
-        for angle, errors in ((by_tracks, alone), (by_gyro, aided)):
+        for angle, errors in zip((by_tracks, by_gyro), result, strict=True):
             x = cell * (np.cos(angle) * v_x - np.sin(angle) * v_y).sum()
             y = cell * (np.sin(angle) * v_x + np.cos(angle) * v_y).sum()
-            errors.append(float(np.hypot(x - true_x, y - true_y)))
-    return np.array(alone), np.array(aided)
+            errors[index] = np.hypot(x - true_x, y - true_y)
+    by_tracks_alone, with_gyro = result
+    return by_tracks_alone, with_gyro

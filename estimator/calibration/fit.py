@@ -21,15 +21,8 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.lag_search import jackknife_sigma
-from icreckon.estimator.calibration.noise import (
-    Noise,
-    channels_of,
-    cost,
-    first_noise,
-    flattening,
-    information,
-    refined,
-)
+from icreckon.estimator.calibration import noise as noise_model
+from icreckon.estimator.calibration.noise import Noise, information, refined
 from icreckon.estimator.calibration.residuals import Problem, middle_of
 
 ROUNDS = 12  # largest number of Gauss-Newton steps
@@ -175,7 +168,7 @@ def _linearised(
     """Parts of a `Fit` from its residuals on; total information (p, p)."""
     residuals, jacobian = problem.linearised(values)
     fisher, score = information(noise, residuals, jacobian, problem.recording.block)
-    total = fisher.sum(axis=0) * flattening(noise, residuals)
+    total = fisher.sum(axis=0) * noise_model.flattening(noise, residuals)
     return (residuals, jacobian, fisher, score), total
 
 
@@ -187,10 +180,9 @@ def _search(
     loose: bool,
     noise: Noise | None = None,
 ) -> tuple[Floats, Noise]:
-    """Search values (p,) and noise by Gauss-Newton steps, shortened if the cost rises.
+    """Search values (p,) of `free` ones and noise by Gauss-Newton steps.
 
-    Parameters of the mask `free` (p,) change from their initial values, to which `loose` binds them
-    softly (`SOFT_BOUND`). The initial noise is estimated if there is none.
+    `loose` binds them softly to the initial values (`SOFT_BOUND`). Noise None is estimated.
     """
     places, ridge = np.flatnonzero(free), SOFT_BOUND**-2.0 if loose else 0.0
     unit = _thresholds(problem)[places]
@@ -198,7 +190,8 @@ def _search(
     residuals, jacobian = problem.linearised(values)
     if noise is None:
         heading, _ = problem.heading(values)
-        noise = first_noise(channels_of(problem, middle_of(heading)), residuals)
+        channels = noise_model.channels_of(problem, middle_of(heading))
+        noise = noise_model.first_noise(channels, residuals)
     for number in range(ROUNDS):
         is_noise_settled = number >= NOISE_ROUNDS
         noise = refined(noise, residuals, components_too=not is_noise_settled)
@@ -233,11 +226,8 @@ class _Search(NamedTuple):
 
     def cost(self, values: Floats, residuals: Floats, noise: Noise) -> float:
         """Cost of the residuals of values, and of their distance from the initial ones."""
-        return cost(noise, residuals) + float((self.ridge * self.off_start(values) ** 2).sum())
-
-    def off_start(self, values: Floats) -> Floats:
-        """Differences (a,) from the initial values, in threshold errors."""
-        return np.asarray((values - self.start)[self.places] / self.unit)
+        off_start = (values - self.start)[self.places] / self.unit
+        return noise_model.cost(noise, residuals) + float((self.ridge * off_start**2).sum())
 
     def moved(self, values: Floats, step: Floats, noise: Noise, before: float) -> Floats | None:
         """Values after the longest part of a step whose cost is not above that `before`.
@@ -315,10 +305,7 @@ def few_blocks(blocks: Floats | float) -> Floats:
 
 
 def _effective_blocks(result: Fit) -> Floats:
-    """Effective number (p,) of blocks for each parameter, weighted by information.
-
-    Satterthwaite's degrees of freedom, of each block's share in a parameter's variance.
-    """
+    """Effective number (p,) of blocks by information (Satterthwaite's degrees of freedom)."""
     places, threshold = np.flatnonzero(result.free), _thresholds(result.problem)
     scaled = np.array([_scaled(fisher, places, threshold) for fisher in result.fisher])
     inverse = np.linalg.pinv(scaled.sum(axis=0), hermitian=True)

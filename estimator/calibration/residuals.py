@@ -87,7 +87,9 @@ class Problem:
 
     def twist(self, values: Floats) -> Floats:
         """Twists (n, m, 3) of the model."""
-        return self.model.linearise(self._speeds(values), self.own(values), self.forces).twist
+        scale, difference, latency = (values[self.place(name)] for name in TRACK_PARAMETERS)
+        speeds = scale * (1.0 + SIDES * difference) * self.recording.speeds(latency)
+        return self.model.linearise(speeds, self.own(values), self.forces).twist
 
     def linearised(self, values: Floats) -> tuple[Floats, Floats]:
         """Residuals (n, ROWS) and their derivatives (n, ROWS, p)."""
@@ -188,9 +190,8 @@ class Problem:
         rows[:, ALONG], rows[:, ACROSS] = cos * step_x + sin * step_y, -sin * step_x + cos * step_y
         rows[:, SLIP], rows[:, YAW] = heading[:, -1] - heading[:, 0], apart
         if self.force:
-            rows[:, FORCE:] = self._measured_forces(
-                values, np.diff(heading, axis=1) / recording.cell
-            )
+            rates = np.diff(heading, axis=1) / recording.cell
+            rows[:, FORCE:] = self._measured_forces(values, rates)
         return rows
 
     def _measured_forces(self, values: Floats, rate: Floats) -> Floats:
@@ -200,13 +201,8 @@ class Problem:
             imu_x += float(values[self.place("imu_forward")])
             imu_y += float(values[self.place("imu_left")])
         # Accelerations of the IMU's place about the origin: w x r is its velocity.
-        about_x, about_y = _mean_accelerations(
-            rate,
-            -imu_y * rate[..., None],
-            imu_x * rate[..., None],
-            self._marks,
-            self.recording.cell,
-        )
+        forward, left, cell = -imu_y * rate[..., None], imu_x * rate[..., None], self.recording.cell
+        about_x, about_y = _mean_accelerations(rate, forward, left, self._marks, cell)
         offset_x = self._by_segment(values, "offset_forward")[:, None]
         offset_y = self._by_segment(values, "offset_left")[:, None]
         turn = values[self.place("mounting_yaw")]
@@ -221,11 +217,6 @@ class Problem:
         """Indices (BINS + 1,) of the cells in whose middles the parts of a segment end."""
         cells = self.recording.edges.shape[1] - 1
         return np.round(np.linspace(0, cells - 1, BINS + 1)).astype(np.int64)
-
-    def _speeds(self, values: Floats) -> Floats:
-        """Track speeds (n, m, 2) with scale, difference of the radii and latency [m/s]."""
-        scale, difference, latency = (values[self.place(name)] for name in TRACK_PARAMETERS)
-        return np.asarray(scale * (1.0 + SIDES * difference) * self.recording.speeds(latency))
 
     def own(self, values: NDArray[Any]) -> NDArray[Any]:
         """Part of values (p,) for the model's own parameters, which are last; a view."""
@@ -264,10 +255,9 @@ def middle_of(heading: Floats) -> Floats:
 def _mean_accelerations(
     rate: Floats, forward: Floats, left: Floats, marks: NDArray[np.int64], cell: float
 ) -> tuple[Floats, Floats]:
-    """Mean accelerations (n, b, c) forward and left between marked cells [m/s²].
+    """Mean accelerations (n, b, c) forward and left between marked cells (b + 1,) [m/s²].
 
-    They are of velocities (n, m, c) [m/s] of a body with yaw rates (n, m) [rad/s], between the middles
-    of the cells with indices `marks` (b + 1,); `cell` is the length of a cell [s].
+    Velocities are (n, m, c) [m/s], yaw rates (n, m) [rad/s]; `cell` is the length of a cell [s].
     """
     turn = rate[..., None]
     spans = (np.diff(marks) * cell)[None, :, None]

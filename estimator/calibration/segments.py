@@ -14,15 +14,8 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import relative
 from icreckon.estimator.calibration.ground_forces import GroundForces
-from icreckon.estimator.log.lag import (
-    LEAST_TURN,
-    WINDOW,
-    Curve,
-    NoLag,
-    find_lag,
-    heading_of,
-    turned,
-)
+from icreckon.estimator.log import lag as lags
+from icreckon.estimator.log.lag import Curve, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import even_grid
 from icreckon.estimator.log.series import ImuSeries, PoseSeries
@@ -142,8 +135,7 @@ class Recording:
         It is the weighted mean of the truth poses near a knot, carried over to it by dead reckoning.
 
         Returns:
-            Position (k, 2) [m], mean rotation matrix (k, 2, 2) by its yaw (for a lever arm), and yaw
-            (k,) [rad].
+                Position (k, 2) [m], rotation matrix (k, 2, 2) by its mean yaw, and yaw (k,) [rad].
         """
         # Columns: x, y [m], cosine and sine of the yaw, yaw [rad].
         means = np.zeros((len(self.knot_times), 5))
@@ -167,10 +159,9 @@ def _interpolated(wanted: Floats, times: Floats, values: Floats) -> Floats:
 
 
 def _carried_over(poses: Floats, times: Floats, knot_times: Floats, path: Series) -> Floats:
-    """Truth poses (p, 3) at times (p,), moved along a path to those of knots (p,).
+    """Truth poses (p, 3), moved along a path from their times (p,) to those of knots (p,).
 
-    Returns:
-        x, y [m], cosine and sine of the yaw before the move, and yaw [rad] (p, 5).
+    The result (p, 5) is x, y [m], cosine and sine of the yaw before the move, and yaw [rad].
     """
     step = relative(_interpolated(times, *path), _interpolated(knot_times, *path))
     x, y, yaw = poses.T
@@ -183,10 +174,9 @@ def _carried_over(poses: Floats, times: Floats, knot_times: Floats, path: Series
 def _weights_at_knots(knot: Indexes, after: Floats, after_initial: Floats, knots: int) -> Floats:
     """Weights (p,) of poses `after` (p,) [s] their knots in the value at these.
 
-    The value is that of a line through all poses of a knot: in their mean, more poses on one side would
-    add the path's errors in the motion since. If most lie on one side, the value is the mean: a line
-    would amplify their noise. The times by the initial lag decide which, for a choice by the lag that is
-    to be estimated would make the residuals jump.
+    The value is that of a line through all poses of a knot. If most lie on one side of it, a line would
+    amplify noise, and the value is their mean. The times by the initial lag decide which: a choice by the
+    lag that is estimated would make the residuals jump.
     """
     poses_at, mean, variance = _moments(knot, after_initial, knots)
     has_line = (poses_at >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance)
@@ -217,8 +207,8 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     track_steps = np.diff(track_times)[:, None] * log.tracks.speeds[1:]
     # The scale of the gyro is estimated: that of the file, which is in the mounting, is removed.
     by_gyros = robot.imu.gyro_scale * SensorModels(robot).mounting[0]
-    gyro, heading = turned(imu.stamps, imu.angular_velocity @ by_gyros), heading_of(poses)
-    found_lag = find_lag(heading, gyro, least=LEAST_TURN)
+    gyro, heading = lags.turned(imu.stamps, imu.angular_velocity @ by_gyros), lags.heading_of(poses)
+    found_lag = lags.find_lag(heading, gyro, least=lags.LEAST_TURN)
     no_lag = found_lag if isinstance(found_lag, NoLag) else None
     lag = 0.0 if isinstance(found_lag, NoLag) else found_lag.seconds
     return Motion(
@@ -469,6 +459,6 @@ def _initial_bias(truth: Curve, gyro: Curve, lag: float) -> float:
     """Initial gyro bias [rad/s]: median of gyro less truth, which lags by `lag` [s]."""
     origin = int(truth.stamps[0])
     seconds = (truth.stamps - origin) * NANOSECOND
-    starts = even_grid(0.0, seconds[-1] - WINDOW, 0.25, seconds)
+    starts = even_grid(0.0, seconds[-1] - lags.WINDOW, 0.25, seconds)
     turned_apart = gyro.changes(origin, starts - lag) - truth.changes(origin, starts)
-    return float(np.median(turned_apart)) / WINDOW
+    return float(np.median(turned_apart)) / lags.WINDOW
