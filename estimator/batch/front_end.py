@@ -97,13 +97,10 @@ class FrontEnd:
     def __init__(self, measured: Measured, steps: Steps, settings: InputSettings) -> None:
         tracks, samples = measured.tracks.shape[1], measured.rates.shape[1]
         fixes = steps.fixes[(steps.extras & POSITION) > 0]
+        is_other = (tracks, samples) != (len(measured.track_stamps), len(measured.imu_stamps))
         # Counts of track speeds are ends of ranges, samples and fixes are indices.
-        if (
-            (tracks, samples) != (len(measured.track_stamps), len(measured.imu_stamps))
-            or steps.tracks.max(initial=0) > tracks
-            or steps.samples.max(initial=0) >= samples
-            or (len(fixes) and fixes.max() >= measured.fixes.shape[1])
-        ):
+        is_other |= steps.tracks.max(initial=0) > tracks or steps.samples.max(initial=0) >= samples
+        if is_other or fixes.max(initial=-1) >= measured.fixes.shape[1]:
             raise BatchError("the steps of a run and its measurements have other stamps")
         if not np.isfinite(measured.tracks[:, 0]).all():
             raise BatchError("a run lacks its first track speeds")

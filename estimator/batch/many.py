@@ -74,13 +74,8 @@ def run_many(
     for first in range(0, len(logs), filters.width):
         # A group that is not full runs its last log more than once.
         group = [min(first + lane, len(logs) - 1) for lane in range(filters.width)]
-        (worked,) = work_through_runs(
-            [filters],
-            [measured.of_runs(group)],
-            steps,
-            start=np.array(start, dtype=float),
-            start_sigma=np.array(start_sigma, dtype=float),
-        )
+        poses = {"start": np.array(start, float), "start_sigma": np.array(start_sigma, float)}
+        (worked,) = work_through_runs([filters], [measured.of_runs(group)], steps, **poses)
         path = side_by_side(ticks, worked)
         arrays = path.poses, path.pose_covariances, path.twists, path.twist_covariances
         trajectories += [

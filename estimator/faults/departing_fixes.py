@@ -31,10 +31,10 @@ class Departure(NamedTuple):
 
     # time for which rejected fixes have departed [s]; 0 after a fix that does not depart
     time: Any = 0.0
-    from_x: Any = 0.0  # place on the path of the newest fix that does not depart, x [m]
-    from_y: Any = 0.0  # y of that place [m]
-    by_x: Any = 0.0  # innovation of the newest fix, along x [m]
-    by_y: Any = 0.0  # along y [m]
+    from_x: Any = 0.0  # place on the path of the newest fix that does not depart [m]
+    from_y: Any = 0.0
+    by_x: Any = 0.0  # innovation of the newest fix [m]
+    by_y: Any = 0.0
 
 
 class Indicated(NamedTuple):

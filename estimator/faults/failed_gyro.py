@@ -114,10 +114,7 @@ def watch_gyro(
 
 
 def count_repeats(gyro: GyroRecord, turning: float, repeated: bool) -> None:
-    """Count changes of the tracks' `turning` [m/s] over equal readings.
-
-    `repeated` is True if the newest reading equals the one before. Otherwise the count begins again.
-    """
+    """Count changes of the tracks' `turning` [m/s] while the reading is `repeated`."""
     has_changed = turning != gyro.turning
     gyro.turning = turning
     if repeated:
@@ -147,13 +144,7 @@ def is_jump_over(
     """Return True if the gyro reads a yaw rate again, after a jump.
 
     It does once it jumps back, the tracks have jumped along, or both have agreed for `AGREEMENT_TIME`.
-
-    Args:
-        gyro: record; its time of agreement is changed.
-        dt: time since the reading before [s].
-        change: change of the reading since then [rad/s].
-        track_rate: yaw rate by the tracks [rad/s].
-        track_rate_before: the same a moment before [rad/s].
+    `change` is that of the reading over `dt` [s], `track_rate` the yaw rate by the tracks [rad/s].
     """
     limit = JUMP_SHARE * abs(gyro.jump)
     jump_sign = 1.0 if gyro.jump > 0.0 else -1.0

@@ -72,12 +72,9 @@ def least_apart(fastest: float) -> float:
 
 
 def side_speeds(mean: float, wheels: Wheels, limit: float) -> SideSpeeds:
-    """Speeds that a side may have.
+    """Speeds that a side may have, by the mean and the single speeds of its wheels [m/s].
 
-    Args:
-        mean: mean of its wheels [m/s].
-        wheels: speeds of the wheels [m/s]; fewer than two show nothing.
-        limit: least distance of two that disagree [m/s].
+    Fewer than two wheels show nothing; two disagree if they are more than `limit` apart [m/s].
     """
     if len(wheels) < 2 or range_of(wheels) <= limit:
         return SideSpeeds(mean, mean, True)
@@ -203,10 +200,7 @@ def take_side(
     speed: float,
     is_decided: bool,
 ) -> None:
-    """Add a sample of one side to its record.
-
-    `speed` is by `side_speed` [m/s], `is_decided` by `is_certain`. Agreement resets the record.
-    """
+    """Add a sample with the chosen `speed` of one side; agreement resets its record."""
     if possible.agrees:
         if side.since != NEVER and (stamp - side.newest) * NANOSECOND > AGREEMENT_TIME:
             side.since = side.newest = side.decided = NEVER

@@ -57,8 +57,6 @@ WANDER_TIME = 60.0  # assumed correlation time of an error that wanders [s]
 # walks the time until 1/e of it is left [s], since it is calm at times.
 KEPT_SHARE, KEPT_TIME = 0.85, 20.0
 LEAST_DISTANCE = 0.1  # least distance on which the path shows a stretch [m]
-
-
 # Room for the fixes that are aligned with the path, and for those that wait.
 ROOM = MOST_ALIGNED + REJECTED_IN_ROW
 OfFixes = Annotated[list[float], msgspec.Meta(min_length=ROOM, max_length=ROOM)]
@@ -74,8 +72,7 @@ class ScatterRecord(msgspec.Struct):
 
     begin: Stamp = NEVER  # stamp from which times count [ns]
     newest: Stamp = NEVER  # stamp of the newest fix [ns], or NEVER
-    # number of fixes that are aligned with the path
-    laid: Annotated[int, msgspec.Meta(ge=0, le=MOST_ALIGNED)] = 0
+    laid: Annotated[int, msgspec.Meta(ge=0, le=MOST_ALIGNED)] = 0  # number of aligned fixes
     waiting: Annotated[int, msgspec.Meta(ge=0, lt=REJECTED_IN_ROW)] = 0  # number of those that wait
     time: OfFixes = zeros(ROOM)  # their times [ns]
     x: OfFixes = zeros(ROOM)  # measured [m]
@@ -141,10 +138,7 @@ class TakenFix(NamedTuple):
 def add_fix(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
     """Add a position fix; return True if scatter is found that was not before.
 
-    Args:
-        scatter: the record, changed in place.
-        fix: the fix.
-        correction: (SIZE,) change of the state by the update with it.
+    The `correction` (SIZE,) is the change of the state by the update with it.
     """
     variance_before, elapsed = scatter.variance, 0.0
     if scatter.newest != NEVER:
@@ -245,12 +239,8 @@ def steps_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
     """Return True if most of the newest steps are off, along and across.
 
     They are if no turn and stretch of the path makes half of its steps fit those of the fixes. Tried are
-    those that make one of the steps fit.
-
-    Args:
-        scatter: the record.
-        stated: variance that the fixes state [m²].
-        least: factor on the expected variance of a step, of many fixes.
+    those that make one of the steps fit. Fixes have the variance `stated` [m²]; a step is off from
+    `least` times its expected variance on, of many fixes.
     """
     first = max(1, scatter.laid - NEWEST_STEPS)
     do_fit = steps_fit(scatter, first, 1.0 + 0j, stated, least)

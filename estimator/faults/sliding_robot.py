@@ -53,18 +53,14 @@ def slides(slide: SlideRecord) -> bool:
 
 
 def watch_slide(slide: SlideRecord, stamp: int, force: float, tracks: float) -> None:
-    """Add a sample of the IMU, and decide whether the robot slides.
+    """Add a sample of the IMU at a stamp [ns], and decide whether the robot slides.
 
-    Args:
-        slide: record, changed in place.
-        stamp: stamp of the sample [ns].
-        force: specific force forward [m/s²], or NaN.
-        tracks: forward speed by the tracks [m/s].
+    `force` is the specific force forward [m/s²], or NaN; `tracks` the forward speed by the tracks [m/s].
     """
-    dt = (stamp - slide.stamp) * NANOSECOND if slide.stamp != NEVER else 0.0
-    change = tracks - slide.tracks
     if force != force:  # NaN
         return
+    dt = (stamp - slide.stamp) * NANOSECOND if slide.stamp != NEVER else 0.0
+    change = tracks - slide.tracks
     slide.stamp, slide.tracks = stamp, tracks
     if dt == 0.0:
         slide.mean = force

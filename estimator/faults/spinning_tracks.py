@@ -80,13 +80,9 @@ def spread_of_bends(spin: SpinRecord) -> float:
 
 
 def unexplained(spin: SpinRecord, left: float, right: float, sigmas: float = SIGMAS) -> float:
-    """Difference of the track speeds that no slip in bends explains [m/s].
+    """Difference of the track speeds [m/s] that no slip in bends explains.
 
-    Args:
-        spin: record, with the yaw rate and the width.
-        left: reading of the left track [m/s].
-        right: reading of the right track [m/s].
-        sigmas: standard deviations of the robot's own bends that slip explains.
+    Slip explains this many `sigmas`, standard deviations of the robot's own bends.
     """
     if spin.width == 0.0:
         return 0.0
@@ -115,11 +111,7 @@ def side_that_changed(
 ) -> int:
     """Find the track whose speed jumped when a mismatch began; `UNKNOWN` if none did.
 
-    Args:
-        mismatch: difference of the track speeds that no slip explains, right less left [m/s].
-        change_left: newest change of the left track's speed [m/s].
-        change_right: newest change of the right track's speed [m/s].
-        limit: least change that is a jump [m/s].
+    A jump is the newest change of a track's speed by at least `limit`; all are in m/s.
     """
     # Jumps towards the mismatch count: a slower left or a faster right track, if it is positive.
     sign = 1.0 if mismatch > 0.0 else -1.0
@@ -248,16 +240,9 @@ def assumed_speeds(spin: SpinRecord, stamp: int, left: float, right: float) -> t
 
     The turning that the gyro does not confirm is subtracted from the track that spins. As long as it is
     not certain that a track spins, or which one, each gets half of it, which keeps their mean.
-
-    Args:
-        spin: record.
-        stamp: stamp of the readings [ns].
-        left: reading of the left track [m/s].
-        right: reading of the right track [m/s].
     """
-    if spin.stamp == NEVER or (stamp - spin.stamp) * NANOSECOND > LONGEST_INTERVAL:
-        return left, right
-    if not is_likely(spin):
+    is_old = spin.stamp == NEVER or (stamp - spin.stamp) * NANOSECOND > LONGEST_INTERVAL
+    if is_old or not is_likely(spin):
         return left, right
     excess = right - left - spin.width * spin.rate
     share_of_left = 0.5 * (1.0 - certain_side(spin))

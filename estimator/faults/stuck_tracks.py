@@ -23,6 +23,9 @@ UNUSUAL_FACTOR = 3.0  # repetition is unusual from this multiple of the longest 
 LEAST_FROZEN_TIME, STEADY_CHANGE = 1.0, 0.1
 
 
+OfOther = Annotated[list[float], msgspec.Meta(min_length=OTHER_READINGS, max_length=OTHER_READINGS)]
+
+
 class Repeating(msgspec.Struct):
     """Repetition record of one track's readings."""
 
@@ -33,10 +36,7 @@ class Repeating(msgspec.Struct):
     longest: Size = 0.0  # longest time of one reading while moving and not stuck [s]
     # number of distinct readings of the other track since then, at most `OTHER_READINGS`
     other_count: Annotated[int, msgspec.Meta(ge=0, le=OTHER_READINGS)] = 0
-    # those readings [m/s]; the rest is unused
-    others: Annotated[
-        list[float], msgspec.Meta(min_length=OTHER_READINGS, max_length=OTHER_READINGS)
-    ] = zeros(OTHER_READINGS)
+    others: OfOther = zeros(OTHER_READINGS)  # those readings [m/s]; the rest is unused
 
 
 def repeating_after(
@@ -92,12 +92,7 @@ def reads_zero(track: Repeating) -> bool:
 
 
 def stuck_from(track: Repeating, hold: float) -> int:
-    """Stamp from which the reading is stuck [ns]; NEVER if it is not.
-
-    Args:
-        track: record of the track.
-        hold: age up to which a reading is valid in any case [s].
-    """
+    """Stamp from which the reading is stuck [ns]; NEVER if it is younger than `hold` [s]."""
     if track.other_count < OTHER_READINGS or track.changes < OWN_READINGS:
         return NEVER
     start = track.since + int(max(hold, UNUSUAL_FACTOR * track.longest) / NANOSECOND)

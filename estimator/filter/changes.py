@@ -68,7 +68,7 @@ class Listener(Protocol):
         """Projection of the state to its bounds by this change (size,)."""
 
     def moved(self, step: Moved) -> None:
-        """Step."""
+        """Step of the filter."""
 
 
 class Events:

@@ -28,7 +28,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.filter.changes import Moved, Updated
+from icreckon.estimator.filter.changes import Listener, Moved, Updated
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.gate import Gate, inflation, patience_for
 from icreckon.estimator.filter.health import REACQUIRED, REJECTED
@@ -46,31 +46,14 @@ LEAST_VARIANCE = 1e-18
 WHOLE = (1.0, 1.0, 1.0)  # factors on the slip for its present value
 
 
-class Observer(Protocol):
+class Observer(Listener, Protocol):
     """Observer that is notified of every change to the filter."""
-
-    def moved(self, F: Floats, Q: Floats) -> None:
-        """Step of transition F and process noise Q (SIZE, SIZE)."""
-
-    def renewed(self, covariance: Floats) -> None:
-        """New fast slip of this covariance (3, 3), independent of the one before."""
 
     def replaced(self, covariance: Floats) -> None:
         """New pose, and wander if there is one, see `Ekf.replace_pose`."""
 
     def wandered(self, decay: float, variance: float) -> None:
         """Wander of the fixes over some time, see `Ekf.let_wander`."""
-
-    def inflated(self, states: tuple[int, ...], covariance: Floats) -> None:
-        """Inflation of these n states by this covariance (n, n)."""
-
-    def updated(
-        self, z: float, h: Floats, r: float, change: Floats, fixed: tuple[int, ...]
-    ) -> None:
-        """Scalar update: innovation, Jacobian, noise variance, change and fixed states."""
-
-    def projected(self, change: Floats) -> None:
-        """Projection of the state to its bounds by this change (SIZE,)."""
 
 
 class Ekf:
@@ -169,18 +152,17 @@ class Ekf:
     def inflated(self, states: Sequence[int], covariance: Floats, yaw: float | None = None) -> None:
         """Pass on an inflation, of the motion at a yaw [rad] or not."""
         if self.observer is not None:
-            self.observer.inflated(tuple(states), covariance)
+            self.observer.inflated(states, covariance)
         if yaw is not None and self.clones is not None:
             self.clones = self.clones.inflated(yaw, tuple(states), covariance)
 
     def updated(self, change: Updated) -> None:
         """Pass on a scalar update."""
-        z, fixed = change.z, change.fixed
         if self.clones is not None:
             share = ROUNDING_SHARE if change.is_sharp else 0.0
-            self.clones = self.clones.updated(change, fixed=s.X in fixed, inflation=share)
+            self.clones = self.clones.updated(change, fixed=s.X in change.fixed, inflation=share)
         if self.observer is not None:
-            self.observer.updated(z, change.h, change.r, change.gain * z, fixed)
+            self.observer.updated(change)
 
     def projected(self, change: Floats) -> None:
         """Pass on a projection to the bounds."""
@@ -192,7 +174,7 @@ class Ekf:
         if self.clones is not None:
             self.clones = self.clones.moved(step)
         if self.observer is not None:
-            self.observer.moved(step.F, step.Q)
+            self.observer.moved(step)
 
     # --- dense changes ----------------------------------------------------------------------------
 

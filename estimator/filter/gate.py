@@ -57,13 +57,11 @@ def inflation(square: float, expected: float) -> float:
 class GateRecord(msgspec.Struct):
     """Counts of one gate, and the newest innovation that it tested."""
 
-    # time of the rejections since the gate last let a measurement pass [s]
-    rejected_for: Size = 0.0
+    rejected_for: Size = 0.0  # time of the rejections since a measurement was last used [s]
     judged: Count = 0  # number of measurements that it tested
     used: Count = 0  # number of measurements that it let pass
     rejected: Count = 0  # number of those that it did not
-    # number of measurements that were used after too long a time of rejections
-    reacquired: Count = 0
+    reacquired: Count = 0  # number of those used after too long a time of rejections
     degrees: Count = 0  # sum of the degrees of freedom of admitted measurements
     nis_sum: Size = 0.0  # sum of their normalised innovations squared (NIS)
     newest_nis: float = 0.0  # NIS of the newest measurement

@@ -46,10 +46,8 @@ class Disturbances:
         self._track_gauge = robot.vehicle.track_gauge
         self.bias_walk = np.zeros(s.SIZE)
         self.bias_walk[s.GYRO_BIAS] = robot.imu.gyro_bias_walk
-        self.bias_walk[s.ACCELEROMETER_BIAS_X] = robot.imu.accelerometer_bias_walk
-        self.bias_walk[s.ACCELEROMETER_BIAS_Y] = robot.imu.accelerometer_bias_walk
-        self.slope_walk = np.zeros(s.SIZE)
-        slope = robot.slope
+        self.bias_walk[s.ACCELEROMETER_BIASES] = robot.imu.accelerometer_bias_walk
+        self.slope_walk, slope = np.zeros(s.SIZE), robot.slope
         self.slope_walk[s.GRAVITY] = slope.walk if slope.sigma > 0.0 else 0.0
         # A Gauss-Markov process in the distance, of this standard deviation.
         self.slope_forgetting = 0.5 * (slope.walk / slope.sigma) ** 2 if slope.sigma > 0.0 else 0.0
@@ -59,16 +57,10 @@ class Disturbances:
     def slip_sigma(
         self, tracks: TrackRecord, eta: float, *, pushed: bool, factor: float = 1.0
     ) -> Vector3:
-        """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
+        """Standard deviation of the slip at the present track speeds, see `slip_at`.
 
         It depends on smoothed speeds, as the random walk of the parameters does. If it followed the noise
         of the speeds, the samples with the most information on the parameters would get the least weight.
-
-        Args:
-            tracks: the track speeds.
-            eta: typical steering efficiency index [-].
-            pushed: the robot may be turning with its tracks at rest.
-            factor: factor on the slip that the fixes have shown, see `filter.slip_factor`.
         """
         left, right = tracks.smooth_left, tracks.smooth_right
         return slip_at(left, right, self.slip, self._track_gauge, eta, pushed, factor)
@@ -78,14 +70,9 @@ class Disturbances:
     ) -> Floats:
         """(3, 3) density of the fast slip over a step.
 
-        It is the sum of the error of the track speeds, the white part of the slip, the possible change of
-        stale track speeds, and slides of the robot.
-
-        Args:
-            inputs: inputs of the step.
-            by_speeds: (3, 2) derivative of the twist by the track speeds.
-            sigma: standard deviation of the slip, see `slip_sigma`.
-            dt: length of the step [s].
+        It is the sum of the error of the track speeds, the white part of the slip of this `sigma`, the
+        possible change of stale track speeds, and slides of the robot. `by_speeds` (3, 2) is the
+        derivative of the twist by the track speeds, `dt` the length of the step [s].
         """
         density = fast_slip_density(
             by_speeds.tolist(),
@@ -113,7 +100,7 @@ def slip_at(
         gauge: L [m].
         eta: typical steering efficiency index [-].
         pushed: the robot may be turning with its tracks at rest.
-        factor: factor on all of it.
+        factor: factor on the slip that the fixes have shown, see `filter.slip_factor`.
     """
     forward, sideways, turning = slip_components(left, right, slip, gauge * max(1.0, eta))
     return factor * forward, factor * sideways, select(pushed, PUSHED_W, factor * turning)

@@ -34,8 +34,7 @@ class RejectedRecord(msgspec.Struct):
     count: Annotated[int, msgspec.Meta(ge=0, le=MOST)] = 0  # their number
     x: OfRejected = zeros(MOST)  # measured [m]
     y: OfRejected = zeros(MOST)  # measured [m]
-    # variance of each coordinate about those of the first one [m²]
-    variance: OfRejected = zeros(MOST)
+    variance: OfRejected = zeros(MOST)  # of each coordinate about those of the first one [m²]
     predicted_x: OfRejected = zeros(MOST)  # predicted [m]
     predicted_y: OfRejected = zeros(MOST)  # predicted [m]
 

@@ -53,26 +53,20 @@ def gathered(measurements: Iterable[Measurement]) -> dict[str, Any]:
 
 
 def _tracks(speeds: list[TrackSpeeds]) -> TrackSpeedSeries:
-    """Series of track speeds; those of wheels are kept if all samples have them.
-
-    Raises:
-        EstimatorError: some samples have wheels, or as many, and others do not.
-    """
-    means = _array([(m.left, m.right) for m in speeds], 2)
+    """Series of track speeds, with those of wheels if all samples have the same number."""
+    stamps, means = _stamps(speeds), _array([(m.left, m.right) for m in speeds], 2)
     counts = {(len(m.left_wheels), len(m.right_wheels)) for m in speeds}
     if counts <= {(0, 0)}:
-        return TrackSpeedSeries(_stamps(speeds), means)
+        return TrackSpeedSeries(stamps, means)
     if len(counts) > 1:
         raise EstimatorError(
             "track speeds of one log have as many wheels in each sample; found (left, right) "
             f"{', '.join(map(str, sorted(counts)))}"
         )
     ((left, right),) = counts  # the only one
+    left_wheels = _array([m.left_wheels for m in speeds], left)
     return TrackSpeedSeries(
-        _stamps(speeds),
-        means,
-        np.array([m.left_wheels for m in speeds]).reshape(-1, left),
-        np.array([m.right_wheels for m in speeds]).reshape(-1, right),
+        stamps, means, left_wheels, _array([m.right_wheels for m in speeds], right)
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeVar
 
@@ -40,8 +40,6 @@ AT_A_TIME = 8192  # number of measurements of a log that are made at once
 
 _Maker = Callable[[NDArray[np.int64]], list[Measurement]]
 """Function from indices into a stream to its measurements, in that order."""
-
-
 _Series = TypeVar("_Series", TrackSpeedSeries, ImuSeries, PoseSeries, TwistSeries, FixSeries)
 
 
@@ -161,7 +159,7 @@ class Log:
 
         def cut(series: _Series) -> _Series:
             inside = (series.stamps >= start) & (series.stamps <= end)
-            arrays: dict[str, Any] = {one.name: getattr(series, one.name) for one in fields(series)}
+            arrays: dict[str, Any] = vars(series)
             parts = {name: array[inside] for name, array in arrays.items() if array is not None}
             return replace(series, **parts)
 
@@ -179,7 +177,7 @@ class Log:
             imu=self.imu and cut(self.imu),
             fixes=self.fixes and cut(self.fixes),
             truth=truth,
-            others=tuple(one for one in self.others if start <= one.stamp <= end),
+            others=tuple(other for other in self.others if start <= other.stamp <= end),
         )
 
     def measurements(self) -> Iterator[Measurement]:
@@ -196,7 +194,7 @@ class Log:
             fixes, headed = self.fixes, np.flatnonzero(np.isfinite(self.fixes.poses[:, 2]))
             streams.append((fixes.stamps, partial(_positions, fixes)))
             streams.append((fixes.stamps[headed], lambda rows: _headings(fixes, headed[rows])))
-        stamps_of_others = np.array([one.stamp for one in self.others], dtype=np.int64)
+        stamps_of_others = np.array([other.stamp for other in self.others], dtype=np.int64)
         streams.append((stamps_of_others, lambda rows: [self.others[k] for k in rows.tolist()]))
         stamps = np.concatenate([stream[0] for stream in streams])
         ends = np.cumsum([len(stream[0]) for stream in streams])
@@ -266,18 +264,16 @@ def screen(
 
 
 def _longest_rising(stamps: Stamps, allowed: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mask (n,) of the longest strictly rising subsequence of allowed stamps.
-
-    Patience sorting: for each length it keeps the rising sequence with the smallest last value.
-    """
+    """Mask (n,) of the longest strictly rising sequence of allowed stamps."""
     chosen = np.zeros(len(stamps), dtype=bool)
     candidates = np.flatnonzero(allowed)
     values = stamps[candidates]
     if (np.diff(values) > 0).all():
         chosen[candidates] = True
         return chosen
-    last_values: list[int] = []  # by length less 1
-    last_indices: list[int] = []  # among `values`, by length less 1
+    # Patience sorting: for each length (less 1) the rising sequence with the smallest last value.
+    last_values: list[int] = []
+    last_indices: list[int] = []  # among `values`
     predecessors = np.full(len(values), -1)  # among `values`; -1 begins a sequence
     for index, value in enumerate(values.tolist()):
         length = bisect_left(last_values, value)
@@ -296,8 +292,8 @@ def _longest_rising(stamps: Stamps, allowed: NDArray[np.bool_]) -> NDArray[np.bo
 
 def _track_speeds(tracks: TrackSpeedSeries, rows: NDArray[np.int64]) -> list[Measurement]:
     columns = [tracks.stamps[rows].tolist(), *tracks.speeds[rows].T.tolist()]
-    wheels = (tracks.left_wheels, tracks.right_wheels)
-    columns += [list(map(tuple, one[rows].tolist())) for one in wheels if one is not None]
+    both_sides = (tracks.left_wheels, tracks.right_wheels)
+    columns += [list(map(tuple, side[rows].tolist())) for side in both_sides if side is not None]
     return [TrackSpeeds(*row) for row in zip(*columns, strict=True)]
 
 
@@ -323,4 +319,4 @@ def _headings(fixes: FixSeries, rows: NDArray[np.int64]) -> list[Measurement]:
 
 
 def _each_row(kind: Callable[..., Measurement], *columns: NDArray[Any]) -> list[Measurement]:
-    return [kind(*row) for row in zip(*(one.tolist() for one in columns), strict=True)]
+    return [kind(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]

@@ -145,13 +145,11 @@ def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | Non
 
 
 def _turns(z: NDArray[Any], r: NDArray[Any]) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
-    """Turns (n,) that lay the path around each position over the positions there.
+    """Turns (n,) that align the path around each position with the positions there.
 
-    Positions z (n,) and places r (n,) of the path at their stamps are complex numbers [m].
-
-    Returns:
-        The turns, their standard errors [rad], the variance of the positions about the turned path, per
-        axis [m²], and a mask of the turns that can be used.
+    Positions z (n,) and places r (n,) of the path at their stamps are complex numbers [m]. Also returns
+    the turns' standard errors [rad], the variance of the positions about the turned path, per axis [m²],
+    and a mask of the turns that can be used.
     """
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(r)))])
     first = np.searchsorted(way, way - REACH)

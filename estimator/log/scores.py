@@ -161,10 +161,7 @@ def shared_stamps(estimate: PoseSeries | Trajectory, truth: PoseSeries) -> Stamp
 
 
 def segment_starts(stamps: Stamps) -> Places:
-    """Indices (n,) of stamps (m,) [ns] at which segments start.
-
-    All starts within a gap give one segment, the one after the gap.
-    """
+    """Indices (n,) of stamps (m,) [ns] at which segments start; one after each gap."""
     begins = even_grid(stamps[0], stamps[-1], int(SEGMENT_STEP / NANOSECOND), stamps)
     return np.asarray(np.unique(np.searchsorted(stamps, begins)))
 
@@ -191,9 +188,8 @@ def usable_segments(
     piece = pieces(stamps, largest_gap)
     keep = piece[first] == piece[last]
     if within is not None:
-        keep &= np.any(
-            [(stamps[first] >= low) & (stamps[last] <= high) for low, high in within], axis=0
-        )
+        inside = [(stamps[first] >= low) & (stamps[last] <= high) for low, high in within]
+        keep &= np.any(inside, axis=0)
     return first[keep], last[keep]
 
 
@@ -215,6 +211,13 @@ def segment_errors(
 def pieces(stamps: Stamps, largest_gap: float) -> Places:
     """Index (n,) of the piece of each stamp [ns], between gaps over `largest_gap` [s]."""
     return np.concatenate([[0], np.cumsum(np.diff(stamps) * NANOSECOND > largest_gap)])
+
+
+def are_within(piece: Places, times: NDArray[Any], begins: Any, ends: Any) -> NDArray[np.bool_]:
+    """Mask (k,) of intervals within one piece, by the piece (n,) and time of each stamp."""
+    first = np.clip(np.searchsorted(times, begins, side="right") - 1, 0, None)
+    last = np.minimum(np.searchsorted(times, ends), len(piece) - 1)
+    return np.asarray(piece[first] == piece[last])
 
 
 def even_grid(low: float, high: float, step: float, known: NDArray[Any]) -> NDArray[Any]:
@@ -239,8 +242,8 @@ def even_grid(low: float, high: float, step: float, known: NDArray[Any]) -> NDAr
     begins = np.clip(np.append(known[:1], known[gaps + 1]), low, high)
     ends = np.clip(np.append(known[gaps], known[-1:]), low, high)
     begins[0], ends[-1] = low, high
-    firsts, lasts = ((one - low) // step for one in (begins, ends))
-    steps = [np.arange(a, b + 2) for a, b in zip(firsts.tolist(), lasts.tolist(), strict=True)]
+    firsts, lasts = ((begins - low) // step).tolist(), ((ends - low) // step).tolist()
+    steps = [np.arange(first, last + 2) for first, last in zip(firsts, lasts, strict=True)]
     times = low + step * np.unique(np.concatenate(steps))
     return np.asarray(times[times < high], dtype=known.dtype)
 
@@ -259,10 +262,9 @@ def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
 
 
 def _mean_velocity_errors(estimate: Trajectory, truth: PoseSeries) -> Floats:
-    """Errors (n, 3) of mean velocities over windows of `VELOCITY_WINDOW`.
+    """Errors (n, 3) of mean velocities over windows, in the axes of their starts.
 
-    A mean velocity is the displacement in the axes of the window's start over its length. The estimate's
-    is from its integrated twists, so that jumps at fixes do not count as velocity.
+    The estimate's is from its integrated twists, so that jumps at fixes do not count as velocity.
     """
     window_ns = int(VELOCITY_WINDOW / NANOSECOND)
     low = max(truth.stamps[0], estimate.stamps[0])
@@ -270,9 +272,7 @@ def _mean_velocity_errors(estimate: Trajectory, truth: PoseSeries) -> Floats:
     starts = even_grid(low, high - window_ns, window_ns // 2, truth.stamps)
     # Skip windows that touch a gap of the truth longer than half a window.
     piece = pieces(truth.stamps, 0.5 * VELOCITY_WINDOW)
-    first = np.searchsorted(truth.stamps, starts, side="right") - 1
-    last = np.minimum(np.searchsorted(truth.stamps, starts + window_ns), len(piece) - 1)
-    starts = starts[piece[first] == piece[last]]
+    starts = starts[are_within(piece, truth.stamps, starts, starts + window_ns)]
     estimated, true = (
         relative(interpolate_poses(poses, starts), interpolate_poses(poses, starts + window_ns))
         for poses in (_reckoned(estimate), truth)

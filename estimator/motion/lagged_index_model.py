@@ -87,8 +87,7 @@ class LaggedIndexMotion:
     ) -> None:
         """Begin a step, as in `MotionModel`."""
         keep = math.exp(-dt / self.vehicle.load_lag)
-        speeds = V_l, V_r
-        after = advanced(self._memory, keep, speeds, parameters, gravity, self.vehicle)
+        after = advanced(self._memory, keep, (V_l, V_r), parameters, gravity, self.vehicle)
         self._memory = np.array(after, dtype=float)
 
     def linearise(
@@ -142,13 +141,10 @@ class Evaluation(NamedTuple):
     force: Number  # the same without the limit [N]
     Z_S: Number  # derivative of Z by S [-]
     P: Number  # force along the tracks times sign(D), as a share of the weight [-]
-    # derivatives of S by gravity to the right, of P by gravity forward
-    by_gravity: tuple[Number, Number]
-    # derivatives of P by the speeds of the left and the right track [s/m]
-    by_rolling: tuple[Number, Number]
+    by_gravity: tuple[Number, Number]  # derivatives of S by gravity to the right, of P forward
+    by_rolling: tuple[Number, Number]  # derivatives of P by the speeds of both tracks [s/m]
     eta_S: Number  # derivative of eta by S [1/N]
-    # 1 where zeta, epsilon and eta are within their limits, else 0
-    frees: tuple[Number, Number, Number]
+    frees: tuple[Number, Number, Number]  # 1 where zeta, epsilon, eta are within limits, else 0
 
 
 def evaluate(
@@ -175,9 +171,8 @@ def evaluate(
     eta_free = at_or_above(eta_sum, 1.0)
     eta = eta_free * eta_sum + (1.0 - eta_free)
     half = 0.5 * vehicle.gauge * eta
-    epsilon, epsilon_free = limited(
-        epsilon0 + epsilon1 * S + epsilon_F * sign_D * P, (1.0 - CLOSEST) * half
-    )
+    epsilon_sum = epsilon0 + epsilon1 * S + epsilon_F * sign_D * P
+    epsilon, epsilon_free = limited(epsilon_sum, (1.0 - CLOSEST) * half)
     zeta, zeta_free = limited(zeta0 - zeta1 * sign_D * S, 2.0 * half)
     w = D / (vehicle.gauge * eta)
     return Evaluation(

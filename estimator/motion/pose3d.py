@@ -66,10 +66,8 @@ def spatial_of(states: Floats, sigmas: Floats) -> tuple[Floats, Floats]:
     """
     # Roll is by gravity to the left, pitch by that forward.
     tilt_sigmas = sigmas[:, [s.GRAVITY_Y, s.GRAVITY_X]] / GRAVITY
-    return (
-        np.column_stack([states[:, s.Z], roll_pitch(states[:, s.GRAVITY])]),
-        np.column_stack([sigmas[:, s.Z], tilt_sigmas]),
-    )
+    spatial = np.column_stack([states[:, s.Z], roll_pitch(states[:, s.GRAVITY])])
+    return spatial, np.column_stack([sigmas[:, s.Z], tilt_sigmas])
 
 
 def pose3d_of(x: Floats, P: Floats) -> Pose3d:

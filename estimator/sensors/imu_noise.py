@@ -132,10 +132,7 @@ def measure_noise(
 
 
 def next_interval(pace: Pace, stamp: int, hold: float) -> float:
-    """Add the stamp [ns] of a value; return the time since the one before [s].
-
-    It is zero after a gap: an interval longer than `hold` [s].
-    """
+    """Add a value's stamp [ns]; return the interval [s], 0 if it is longer than `hold`."""
     dt = (stamp - pace.stamp) * NANOSECOND
     pace.stamp = stamp
     if not 0.0 < dt <= hold:
@@ -211,10 +208,7 @@ def imu_noise(noise: NoiseRecord, at_rest: bool, settings: InputSettings) -> Imu
 
 
 def noise_of_step(noise: NoiseRecord, still: StandstillRecord, settings: InputSettings) -> ImuNoise:
-    """Noise of an IMU that a step assumes.
-
-    The accelerometers of a robot that is carried show nothing of the motion of its tracks.
-    """
+    """Noise of an IMU that a step assumes; large accelerometer noise of a carried robot."""
     assumed = imu_noise(noise, tracks_rest(still), settings)
     if is_carried(still):
         return ImuNoise(assumed.gyro, CARRIED_FORCE, CARRIED_FORCE)

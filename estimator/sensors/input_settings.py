@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.motion.icr import GRAVITY
-from icreckon.estimator.robot.robot_file import Robot, Vehicle
+from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 
 MOST_FRICTION = 2.0  # coefficient of friction beyond that of any tyre, bumps included [-]
@@ -42,18 +42,21 @@ class InputSettings(NamedTuple):
 
 def input_settings(robot: Robot, settings: Settings) -> InputSettings:
     """Settings of a robot's filter."""
-    standstill = settings.standstill
+    standstill, vehicle = settings.standstill, robot.vehicle
+    # Both tracks pull with all friction, to opposite sides, on a plate as large as the contact's outline.
+    width, length = vehicle.track_gauge, 2.0 * vehicle.half_contact_length
+    yaw_acceleration = MOST_FRICTION * GRAVITY * 6.0 * width / (width * width + length * length)
     return InputSettings(
         float(settings.hold),
         int(settings.hold / NANOSECOND),
         float(settings.gap_acceleration),
-        float(robot.vehicle.max_track_speed),
+        float(vehicle.max_track_speed),
         float(robot.tracks.speed_noise_density**2),
         float(standstill.track_speed),
         int(standstill.duration * 1e9),
         float(standstill.quiet_gyro),
-        float(robot.vehicle.track_gauge * robot.indices.eta0),
-        _yaw_acceleration(robot.vehicle),
+        float(width * robot.indices.eta0),
+        float(yaw_acceleration),
         float(robot.imu.gyro_range),
         float(robot.imu.gyro_bias),
         float(max(LEAST_BIAS_RANGE, BIAS_SIGMAS * robot.imu.gyro_bias_sigma)),
@@ -63,12 +66,3 @@ def input_settings(robot: Robot, settings: Settings) -> InputSettings:
         float(robot.undetected_slip.share),
         float(robot.undetected_slip.time),
     )
-
-
-def _yaw_acceleration(vehicle: Vehicle) -> float:
-    """Angular acceleration beyond what friction can give a vehicle [rad/s²].
-
-    Both tracks pull with all friction, to opposite sides, on a plate as large as the contact's outline.
-    """
-    width, length = vehicle.track_gauge, 2.0 * vehicle.half_contact_length
-    return float(MOST_FRICTION * GRAVITY * 6.0 * width / (width * width + length * length))

@@ -79,14 +79,7 @@ def twist_now(model: TwistModel) -> Prediction:
 
 
 def twist_ahead(x: Floats, model: TwistModel, density: Floats, interval: float) -> Prediction:
-    """Predict the twist of the next step.
-
-    Args:
-        x: (SIZE,) the state.
-        model: the twist at `x`.
-        density: (3, 3) density of the fast slip, see `icreckon.estimator.filter.process_noise`.
-        interval: expected length of the next step [s].
-    """
+    """Predict the twist of the next step, of an expected length [s], as `pose_ahead`."""
     return Prediction(*_without_fast_slip(x, model), density / interval)
 
 

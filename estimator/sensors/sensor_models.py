@@ -31,8 +31,7 @@ class Forecast(NamedTuple):
 class TrackChange(NamedTuple):
     """Change of the track speeds, an input of IMU predictions."""
 
-    # averaged acceleration of the left and the right track [m/s²]
-    acceleration: tuple[float, float]
+    acceleration: tuple[float, float]  # averaged, of the left and the right track [m/s²]
     window: float  # averaging time of the acceleration [s]
     speed_variance: float  # variance of each track's speed, from its sensor's noise [m²/s²]
     age: float  # age of the track speeds, from the middle of their averaging interval [s]

@@ -42,9 +42,7 @@ class StandstillRecord(msgspec.Struct):
     quiet_at: Stamp = NEVER  # stamp of the newest reading at which the robot stood [ns], or NEVER
     quiet_mean: float = 0.0  # mean of the readings then [rad/s]
     mean_before: float = 0.0  # the same at the end of the rest before [rad/s]
-    changed_at: Stamp = (
-        NEVER  # stamp since which the mean differs from `mean_before` [ns], or NEVER
-    )
+    changed_at: Stamp = NEVER  # stamp since which it differs from `mean_before` [ns], or NEVER
     rest_time: float = 0.0  # time at rest before the newest quiet reading [s]
     drive_time: float = 0.0  # time of driving since the last standstill [s]; 0 without one
 
@@ -59,10 +57,7 @@ class QuietMemory(NamedTuple):
 def stopped_after(
     still: StandstillRecord, stamp: int, left: float, right: float, track_speed: float
 ) -> None:
-    """Add speeds of both tracks [m/s] at a stamp [ns] to a record.
-
-    Tracks slower than `track_speed` [m/s] are stopped.
-    """
+    """Add speeds of both tracks [m/s] at a stamp [ns]; slower than `track_speed` is rest."""
     if abs(left) >= track_speed or abs(right) >= track_speed:
         if still.stopped_since != NEVER:
             still.stopped_since = still.changed_at = NEVER
@@ -176,10 +171,7 @@ def add_quiet(still: StandstillRecord, stamp: int, mean: float, usual_change: fl
 
 
 def add_restless(still: StandstillRecord, stamp: int) -> None:
-    """Add a stamp [ns] at which the robot turns or is shaken with its tracks at rest.
-
-    After `ROCKING_TIME` of them the robot is carried.
-    """
+    """Add a stamp [ns] of turning or shaking at rest; after `ROCKING_TIME` it is carried."""
     if still.restless_since == NEVER:
         still.restless_since = stamp
     if not is_carried(still) and (stamp - still.restless_since) * NANOSECOND > ROCKING_TIME:
@@ -198,11 +190,10 @@ def is_carried(still: StandstillRecord) -> bool:
 
 
 def carried_density(still: StandstillRecord, start: int, end: int) -> float:
-    """Error density of a carried robot's velocity over a step [m²/s].
+    """Error density of a carried robot's velocity, over a step from start to end [ns] [m²/s].
 
-    The step lasts from start to end [ns]. With its tracks at rest the robot does not stand, and nothing
-    shows where it goes: the distance is off by `CARRIED_SPEED` times the duration, at one standard
-    deviation.
+    Nothing shows where it goes: the distance is off by `CARRIED_SPEED` times the duration, at one
+    standard deviation.
     """
     since = still.restless_since
     if not is_carried(still):

@@ -18,22 +18,10 @@ from icreckon.estimator.base.checks import Latency, check_bounds, require_flag
 from icreckon.estimator.base.lag_search import BEYOND
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.health import TrackLatencyHealth
-from icreckon.estimator.log.measurements import (
-    BodyVelocity,
-    HeadingFix,
-    HeightFix,
-    ImuSample,
-    Measurement,
-    PoseFix,
-    PositionFix,
-    TrackSpeeds,
-)
+from icreckon.estimator.log import measurements
+from icreckon.estimator.log.measurements import Measurement, TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.sensors.track_latency import (
-    LARGEST_HOLE,
-    TrackLatencyEstimator,
-    TrackLatencyMemory,
-)
+from icreckon.estimator.sensors import track_latency
 
 LARGEST_SIGMA = 0.02  # largest standard error with which an estimate is used [s]
 LEAST_LATENCY, LEAST_CHANGE = 0.03, 0.01
@@ -94,12 +82,12 @@ class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Latencies by type of measurement [s]."""
         return {
             TrackSpeeds: self.tracks,
-            ImuSample: self.imu,
-            PositionFix: self.position,
-            HeadingFix: self.heading,
-            HeightFix: self.position,
-            PoseFix: self.pose,
-            BodyVelocity: self.body_velocity,
+            measurements.ImuSample: self.imu,
+            measurements.PositionFix: self.position,
+            measurements.HeadingFix: self.heading,
+            measurements.HeightFix: self.position,
+            measurements.PoseFix: self.pose,
+            measurements.BodyVelocity: self.body_velocity,
         }
 
 
@@ -134,14 +122,17 @@ class StampCorrection:
     """
 
     def __init__(
-        self, latencies: Latencies, estimated: float = 0.0, memory: TrackLatencyMemory | None = None
+        self,
+        latencies: Latencies,
+        estimated: float = 0.0,
+        memory: track_latency.TrackLatencyMemory | None = None,
     ) -> None:
         self.latencies, self.estimated = latencies, estimated
         # Samples that the estimator has not taken yet, of the difference of the track speeds and of the
         # yaw rate, and their number.
         self._track_parts, self._gyro_parts = list[RatePart](), list[RatePart]()
         self._waiting_samples = 0
-        self._estimator = TrackLatencyEstimator()
+        self._estimator = track_latency.TrackLatencyEstimator()
         if memory is not None:
             self._estimator.recall(memory)
         latency_ns = {kind: _nanoseconds(value) for kind, value in latencies.by_kind().items()}
@@ -171,7 +162,7 @@ class StampCorrection:
             if not count:
                 continue
             begin = int(samples.begin) + added_ns
-            if parts and begin < parts[-1].begin - LARGEST_HOLE:
+            if parts and begin < parts[-1].begin - track_latency.LARGEST_HOLE:
                 # The clock was set back.
                 self._flush()
             parts.append(RatePart(begin, samples.times[:count], samples.rates[:count]))
@@ -186,7 +177,7 @@ class StampCorrection:
         self._gyro_parts.clear()
         self._estimator.take(*samples)
 
-    def memory(self) -> TrackLatencyMemory:
+    def memory(self) -> track_latency.TrackLatencyMemory:
         """Checkpoint of the watch; the waiting samples are used first."""
         self._use_estimate()
         return self._estimator.memory()

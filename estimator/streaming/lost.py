@@ -46,10 +46,8 @@ def reason_of(kind: int, seconds: float) -> str:
 def loss_kinds(path: Trajectory, *, finite: Any = True, negative: Any = False) -> Any:
     """Kind of loss (n, ...) of each row of a path: `USABLE` or a key of `REASONS`.
 
-    Args:
-        path: the path; its arrays may have an axis for filters after the first.
-        finite: (n, ...) False if another value of the row is not finite.
-        negative: (n, ...) True if another variance of the row is negative.
+    Arrays of the path may have an axis for filters after the first. `finite` (n, ...) is False if another
+    value of the row is not finite, `negative` (n, ...) True if another variance is negative.
     """
     for values in (path.poses, path.twists):
         finite = finite & np.isfinite(values).all(axis=-1)

@@ -92,12 +92,10 @@ class OwnFaults:
         """
         for index, fault in enumerate(self.watched):
             saved = memory.get(fault.name, type(fault)())
+            is_copy = isinstance(saved, OwnFault)
             try:
-                self.watched[index] = (
-                    deepcopy(saved)
-                    if isinstance(saved, OwnFault)
-                    else msgspec.convert(saved, type(fault))
-                )
+                restored = deepcopy(saved) if is_copy else msgspec.convert(saved, type(fault))
+                self.watched[index] = restored
             except msgspec.ValidationError as problem:
                 raise EstimatorError(f"{fault.name!r}: its memory is another: {problem}") from None
 
@@ -117,11 +115,7 @@ class OwnFaults:
                 raise EstimatorError(f"{fault.name!r} cannot be saved: its memory would change")
 
     def _replaced(self, before: Measurement, effect: Replace) -> Measurement:
-        """Measurement that an effect puts in place of another one.
-
-        Raises:
-            ValueError: it has another type or stamp, or a filter would reject it.
-        """
+        """Measurement that an effect puts in place of another; `ValueError` if invalid."""
         replacement = as_plain(effect.measurement)
         if type(replacement) is not type(before) or replacement.stamp != before.stamp:
             raise ValueError(f"Replace needs the same type and stamp as {before!r}")

@@ -334,8 +334,8 @@ class Reckoning:
         """Update with samples, and fill rows, see `PoseEstimator.feed_samples`."""
         # Marks, an observer and faults of users need each step.
         ekf, has_own_faults = self.ekf, bool(self.own_faults.watched)
-        is_watched = ekf.clones is not None or ekf.observer is not None or has_own_faults
-        if is_watched or self._tracks.stamp == NEVER:
+        needs_each_step = ekf.clones is not None or ekf.observer is not None or has_own_faults
+        if needs_each_step or self._tracks.stamp == NEVER:
             return 0, 0, 0
         taken = self._steps.take_samples(samples, self._mounting, rows, uses_force=self._uses_force)
         self._counts.sensor("tracks").used += taken.tracks
@@ -449,10 +449,7 @@ class Reckoning:
     # --- steps -----------------------------------------------------------------------------------
 
     def _relocate(self) -> bool:
-        """Align the path with the rejected position fixes; False if they do not fit.
-
-        The path has the right shape but the wrong place: the heading is wrong, too.
-        """
+        """Align the path with the rejected position fixes; False if they do not fit."""
         pose, P = self.ekf.x[s.POSE].copy(), np.zeros((5, 5))
         fits = relocate(self.record.fixes.rejected, pose, P, self._wander.sigma)
         if fits:

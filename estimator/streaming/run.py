@@ -131,9 +131,9 @@ class _Feeding:
     def finished(self) -> Run:
         """Run of all measurements, with a row for the newest track speeds."""
         self._write_row_if_due(None)
-        return self._so_far()
+        return self._run_of_filled_rows()
 
-    def _so_far(self) -> Run:
+    def _run_of_filled_rows(self) -> Run:
         """Run of the rows that are filled."""
         estimator, rows = self._estimator, self._rows
         names, count = state_names(estimator.variant), int(rows.arrays.progress[COUNT])
@@ -162,7 +162,8 @@ class _Feeding:
             except IcreckonError:
                 raise
             except Exception as problem:
-                raise stopped_by(problem, self._so_far(), self._log.start, stamp) from problem
+                so_far = self._run_of_filled_rows()
+                raise stopped_by(problem, so_far, self._log.start, stamp) from problem
             if used and isinstance(measurement, TrackSpeeds):
                 progress[DUE] = 1
             self._fed_count += 1

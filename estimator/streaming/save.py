@@ -99,10 +99,9 @@ class SavedEstimator(Bounded, frozen=True):
             )
         before, now = _leaves(self.robot), _leaves(robot_constants(robot))
         # The name first: with another robot all other keys may differ.
+        learnt_from = tuple(f"{key}." for key in LEARNT_FROM)
         for key in sorted({*before, *now}, key=lambda key: (key != "name", key)):
-            matters = to_continue or any(
-                f"{key}.".startswith(f"{learnt}.") for learnt in LEARNT_FROM
-            )
+            matters = to_continue or f"{key}.".startswith(learnt_from)
             if matters and before.get(key) != now.get(key):
                 advice = "make a warm start, or start again" if to_continue else "start again"
                 raise EstimatorError(
@@ -227,11 +226,7 @@ def _readable(value: Any, indent: str = "") -> str:
 
 
 def require_64_bits(content: Any) -> None:
-    """Require that all whole numbers of a file fit into 64 bits.
-
-    Raises:
-        ValueError: one does not.
-    """
+    """Require that all whole numbers of a file fit into 64 bits; `ValueError` otherwise."""
     if isinstance(content, dict | list):
         for item in content.values() if isinstance(content, dict) else content:
             require_64_bits(item)
@@ -284,11 +279,7 @@ def _require_size(values: Floats, name: str) -> None:
 
 
 def require_covariance(P: Floats) -> None:
-    """Require a covariance matrix: finite, symmetric, positive semidefinite.
-
-    Raises:
-        ValueError: it is none.
-    """
+    """Require a finite, symmetric, positive semidefinite matrix, `ValueError` otherwise."""
     variances = P.diagonal()
     if not (variances.min() >= 0.0 and np.abs(P).max() <= LARGEST_VARIANCE):
         raise ValueError(f"variances must be from 0 to {LARGEST_VARIANCE:g}")
