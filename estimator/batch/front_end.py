@@ -83,12 +83,7 @@ class LaneRecords(NamedTuple):
 
 
 class FrontEnd:
-    """Inputs of the steps of some runs, a part of the run at a time.
-
-    Args:
-        measured: measurements of as many runs as there are lanes.
-        steps: all steps.
-        settings: settings of the filters.
+    """Inputs of the steps of some runs, one in each lane, a part of the run at a time.
 
     Raises:
         BatchError: the steps are those of other stamps, or a run lacks its first track speeds.
@@ -219,14 +214,12 @@ def fill_fix(
 def add_fixes(
     place: PlaceRecord, lane: int, lanes: LaneRecords, measured: Measured, fix: int, speed: float
 ) -> bool:
-    """Add fixes up to an index, at a speed [m/s]; False if it repeats a position.
-
-    Those before it came before the first track speeds, so they have no speed.
-    """
+    """Add fixes up to an index, at a speed [m/s]; False if it repeats a position."""
     is_repeated = False
     while lanes.fixes[lane] <= fix:
         k = lanes.fixes[lane]
         x, y = measured.fixes[lane, k, 0], measured.fixes[lane, k, 1]
+        # Fixes before it came before the first track speeds, so they have no speed.
         is_repeated = repeats(place, measured.fix_stamps[k], x, y, speed if k == fix else 0.0)
         if k < fix:
             lanes.judged[lane] = k

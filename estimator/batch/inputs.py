@@ -84,11 +84,7 @@ def _fix_stamps(log: Log) -> Stamps:
 
 
 def has_heading(fixes: Floats) -> bool:
-    """Return True if fixes (..., 7) have a heading.
-
-    Raises:
-        BatchError: some have, and some have not.
-    """
+    """Return True if fixes (..., 7) have headings; `BatchError` if only some have."""
     headed = np.isfinite(fixes[..., 2])
     if headed.any() and not headed.all():
         raise BatchError("some fixes have a heading and some have none")

@@ -37,12 +37,8 @@ def work_through_runs(
 ) -> list[Worked]:
     """Run filters over the measurements of runs, one run for each lane.
 
-    Args:
-        filters: the filters.
-        measured: measurements for each filter; stamps are those of the steps.
-        steps: steps of the runs.
-        start: (3,) pose at the start: x, y [m], yaw [rad].
-        start_sigma: (3,) its standard deviations.
+    Each filter has its measurements, at the stamps of the steps. All begin at the pose `start` (3,)
+    [m, m, rad] with standard deviations `start_sigma`.
     """
     width = filters[0].width
     ticks = int(steps.ticks.max(initial=0)) + 2

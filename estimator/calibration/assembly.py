@@ -256,10 +256,7 @@ def _parameters(
     radii: Fit,
     speeds_by_radius: bool,
 ) -> tuple[FoundParameter, ...]:
-    """Rows of the results: common parameters, then those of each model.
-
-    Values of a model's parameters are those of `refitted`, standard errors those of `fits`.
-    """
+    """Rows of the results; values are of `refitted`, standard errors of `fits`."""
     radius, difference = robot.vehicle.sprocket_radius, robot.tracks.difference
     rows = [
         _row(main, "scale", "sprocket_radius", "m", factor=radius, before=radius)

@@ -212,10 +212,7 @@ def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floa
 
 
 def mounting_turns(main: Fit) -> list[tuple[float, float]]:
-    """Small rotations about forward, left, up that level the IMU, with errors [rad].
-
-    The errors are standard errors, infinite where nothing shows the rotation.
-    """
+    """Rotations about forward, left, up that level the IMU, and standard errors [rad]."""
     has_force = main.problem.force
 
     def tilt(name: str) -> tuple[float, float]:

@@ -171,7 +171,7 @@ def _held_out(
 def _window_errors(
     fit: Fit, values: Floats, windows: list[NDArray[np.int64]]
 ) -> tuple[Floats, Floats]:
-    """Errors (w,) of the ends of windows: headings by the tracks alone, by the gyro [m]."""
+    """Errors (w,) of the ends of windows: headings by tracks alone, by the gyro [m]."""
     problem, recording = fit.problem, fit.problem.recording
     twist, cell = problem.twist(values), recording.cell
     heading, _ = problem.heading(values)

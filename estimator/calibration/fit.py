@@ -230,10 +230,7 @@ class _Search(NamedTuple):
         return noise_model.cost(noise, residuals) + float((self.ridge * off_start**2).sum())
 
     def moved(self, values: Floats, step: Floats, noise: Noise, before: float) -> Floats | None:
-        """Values after the longest part of a step whose cost is not above that `before`.
-
-        None if that of a hundredth of the step still is.
-        """
+        """Values after the longest part of a step (1 to 0.01) that adds no cost, or None."""
         share = 1.0
         for _ in range(6):
             moved = values.copy()
@@ -305,7 +302,7 @@ def few_blocks(blocks: Floats | float) -> Floats:
 
 
 def _effective_blocks(result: Fit) -> Floats:
-    """Effective number (p,) of blocks by information (Satterthwaite's degrees of freedom)."""
+    """Effective number (p,) of blocks by information (Satterthwaite)."""
     places, threshold = np.flatnonzero(result.free), _thresholds(result.problem)
     scaled = np.array([_scaled(fisher, places, threshold) for fisher in result.fisher])
     inverse = np.linalg.pinv(scaled.sum(axis=0), hermitian=True)

@@ -129,10 +129,7 @@ def first_noise(channels: tuple[Channel, ...], residuals: Floats) -> Noise:
 
 
 def refined(noise: Noise, residuals: Floats, *, components_too: bool = True) -> Noise:
-    """Refit noise to residuals (n, ROWS): weights, then maximum-likelihood components.
-
-    Without `components_too` the weights alone are refitted.
-    """
+    """Refit the noise to residuals (n, ROWS): weights, and components if wanted."""
     components, weights = [], []
     for channel, sigma in zip(noise.channels, noise.components, strict=True):
         selected = channel.select(residuals)
@@ -210,10 +207,7 @@ def flattening(noise: Noise, residuals: Floats) -> float:
 
 
 def cost(noise: Noise, residuals: Floats) -> float:
-    """Twice the negative log likelihood of residuals (n, ROWS), without constants.
-
-    The weights are fixed.
-    """
+    """Twice the negative log likelihood of residuals (n, ROWS) at fixed weights."""
     total = 0.0
     for channel, sigma, weight in zip(noise.channels, noise.components, noise.weights, strict=True):
         weighted = channel.select(residuals) * np.sqrt(weight)

@@ -232,11 +232,7 @@ class Problem:
         return np.asarray(self._by_log(values, name)[self.recording.log])
 
     def counted_rows(self) -> NDArray[np.bool_]:
-        """Mask (n, ROWS) of rows that count.
-
-        Standstill determines only the gyro's bias. Headings from the path of tracks and gyro show nothing
-        of the gyro.
-        """
+        """Mask (n, ROWS) of rows that count: at standstill only those of the gyro's bias."""
         recording = self.recording
         result = np.repeat(recording.moving[:, None], ROWS, axis=1)
         result[:, SLIP] = True
@@ -255,7 +251,7 @@ def middle_of(heading: Floats) -> Floats:
 def _mean_accelerations(
     rate: Floats, forward: Floats, left: Floats, marks: NDArray[np.int64], cell: float
 ) -> tuple[Floats, Floats]:
-    """Mean accelerations (n, b, c) forward and left between marked cells (b + 1,) [m/s²].
+    """Mean accelerations (n, b, c) forward, left between marked cells (b + 1,) [m/s²].
 
     Velocities are (n, m, c) [m/s], yaw rates (n, m) [rad/s]; `cell` is the length of a cell [s].
     """

@@ -100,10 +100,7 @@ class Recording:
         )
 
     def ground_forces(self) -> Floats:
-        """Forces (n, m, 2) in the middle of each cell: S over the mass [m/s²], P [-].
-
-        They are zero if they are not estimated yet.
-        """
+        """Forces (n, m, 2) at middles of cells: S over mass [m/s²], P [-]; first zero."""
         middles = 0.5 * (self.edges[:, 1:] + self.edges[:, :-1])
         forces = [motion.forces for motion in self.motions]
         series = [one and (one.times, np.column_stack([one.lateral, one.along])) for one in forces]
@@ -159,7 +156,7 @@ def _interpolated(wanted: Floats, times: Floats, values: Floats) -> Floats:
 
 
 def _carried_over(poses: Floats, times: Floats, knot_times: Floats, path: Series) -> Floats:
-    """Truth poses (p, 3), moved along a path from their times (p,) to those of knots (p,).
+    """Truth poses (p, 3), moved along a path from their times (p,) to knots (p,).
 
     The result (p, 5) is x, y [m], cosine and sine of the yaw before the move, and yaw [rad].
     """
@@ -193,11 +190,7 @@ def _moments(knot: Indexes, after: Floats, knots: int) -> tuple[Floats, Floats, 
 
 
 def motion_of(log: Log, robot: Robot) -> Motion:
-    """Make the continuous series of a log.
-
-    Raises:
-        EstimatorError: there is no truth, no IMU, or too little of a stream.
-    """
+    """Make the continuous series of a log; `EstimatorError` if it has too little."""
     poses, imu = _truth_and_imu(log)
     imu_times = _seconds(imu.stamps, log.start)
     # A gyro reading is a mean since the one before, but is integrated as the rate at its stamp: half an

@@ -72,7 +72,7 @@ def least_apart(fastest: float) -> float:
 
 
 def side_speeds(mean: float, wheels: Wheels, limit: float) -> SideSpeeds:
-    """Speeds that a side may have, by the mean and the single speeds of its wheels [m/s].
+    """Speeds that a side may have, by the mean and the speeds of its wheels [m/s].
 
     Fewer than two wheels show nothing; two disagree if they are more than `limit` apart [m/s].
     """

@@ -255,10 +255,7 @@ def steps_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
 def steps_fit(
     scatter: ScatterRecord, first: int, stretch: complex, stated: float, least: float
 ) -> bool:
-    """Return True if half of the steps of the turned path fit, along or across.
-
-    `stretch` is the complex factor on the path's steps from fix `first` on; the others as above.
-    """
+    """Return True if half of the steps fit those of the path, turned by `stretch`."""
     turn_back, count = stretch.conjugate() * (1.0 / magnitude(stretch)), scatter.laid - first
     factor = MEDIAN_SQUARE * least * (1.0 + FACTOR_OF_FEW / (count - 1.0) ** 2)
     along = across = 0

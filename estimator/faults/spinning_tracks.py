@@ -157,10 +157,7 @@ def forget_mismatch(spin: SpinRecord) -> None:
 def add_mismatch(
     spin: SpinRecord, stamp: int, mismatch: float, dt: float, changed_side: int, zero_side: int
 ) -> None:
-    """Add a mismatch [m/s] over `dt` [s], and choose the track that spins if one does.
-
-    It is the one that reads zero, or whose speed jumped as the mismatch began, or with less load.
-    """
+    """Add a mismatch [m/s] over `dt` [s], and choose the track that spins if one does."""
     was_found = is_found(spin)
     if spin.since == NEVER:
         spin.since, spin.way, spin.side = stamp, 0.0, changed_side

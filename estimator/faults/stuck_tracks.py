@@ -92,7 +92,7 @@ def reads_zero(track: Repeating) -> bool:
 
 
 def stuck_from(track: Repeating, hold: float) -> int:
-    """Stamp from which the reading is stuck [ns]; NEVER if it is younger than `hold` [s]."""
+    """Stamp from which the reading is stuck [ns]; NEVER if younger than `hold` [s]."""
     if track.other_count < OTHER_READINGS or track.changes < OWN_READINGS:
         return NEVER
     start = track.since + int(max(hold, UNUSUAL_FACTOR * track.longest) / NANOSECOND)
@@ -100,10 +100,7 @@ def stuck_from(track: Repeating, hold: float) -> int:
 
 
 def frozen_from(left: Repeating, right: Repeating, least: float) -> int:
-    """Stamp from which both readings repeat for unusually long [ns], or NEVER.
-
-    It is NEVER at rest, with both tracks slower than `least` [m/s].
-    """
+    """Stamp [ns] from which both readings repeat too long; NEVER below `least` [m/s]."""
     is_at_rest = max(abs(left.reading), abs(right.reading)) < least
     if is_at_rest or left.since == left.newest or right.since == right.newest:
         return NEVER

@@ -80,13 +80,9 @@ class Events:
         self._begins = np.concatenate([[0], self._ends[:-1]])
 
     def report(self, values: Floats, size: int, yaw: float, listener: Listener) -> None:
-        """Report the changes of a call to a listener; those of zero are left out.
+        """Report the changes of a call, by their numbers (m,), but none of zero.
 
-        Args:
-            values: (m,) their numbers; the rest is not used.
-            size: number of states of the filter.
-            yaw: yaw before the call [rad].
-            listener: receiver.
+        The filter has `size` states, and before the call this yaw [rad].
         """
         if not self._events:
             return

@@ -76,13 +76,9 @@ class Clones(msgspec.Struct, frozen=True):
         return cls((), np.zeros((0, 3)), np.zeros((0, size)), np.zeros((0, 0)))
 
     def begun(self, stamp: int, motion: Floats, by_state: Floats, P: Floats) -> Clones:
-        """Add a clone.
+        """Add a clone at a stamp [ns].
 
-        Args:
-            stamp: stamp of the mark [ns].
-            motion: (3,) motion since then.
-            by_state: (3, SIZE) its derivative by the filter's state.
-            P: (SIZE, SIZE) the filter's covariance.
+        The motion (3,) since then has the derivative `by_state` (3, SIZE) by the state of covariance P.
         """
         cross = by_state @ P
         with_others = (_by_clone(self.cross) @ by_state.T).reshape(-1, 3)
@@ -143,13 +139,7 @@ class Clones(msgspec.Struct, frozen=True):
         return Clones(self.stamps, self.poses, cross, self.covariance)
 
     def inflated(self, yaw: float, states: tuple[int, ...], covariance: Floats) -> Clones:
-        """Inflate by an error of the motion, which moves all poses alike.
-
-        Args:
-            yaw: yaw of the filter's pose [rad].
-            states: n states of the filter that it moves.
-            covariance: (n, n) covariance that is added to theirs.
-        """
+        """Inflate n states by a covariance (n, n) of the motion, which moves all poses."""
         size = self.cross.shape[1]
         added = np.zeros((size, size))
         added[np.ix_(states, states)] = covariance
@@ -161,12 +151,9 @@ class Clones(msgspec.Struct, frozen=True):
         return Clones(self.stamps, self.poses, self.cross + cross, total)
 
     def updated(self, update: Updated, *, fixed: bool, inflation: float = 0.0) -> Clones:
-        """Update with a scalar measurement.
+        """Update with a scalar measurement, after the filter.
 
-        Args:
-            update: the update of the filter.
-            fixed: the poses are not to be moved; their covariance takes that into account.
-            inflation: share of the variances before the update that is added to the covariance.
+        Poses stay if they are `fixed`. `inflation` is the share of their variances that is added.
         """
         z, h, c, K, S = update.z, update.h, update.cross, update.gain, update.S
         own = self.cross @ h
@@ -214,11 +201,7 @@ class Clones(msgspec.Struct, frozen=True):
         return RelativeMotion(from_stamp, to_stamp, pose, 0.5 * (covariance + covariance.T))
 
     def place(self, stamp: int) -> int:
-        """Index of the clone of a stamp [ns].
-
-        Raises:
-            EstimatorError: there is none.
-        """
+        """Index of the clone of a stamp [ns]; `EstimatorError` if there is none."""
         if stamp not in self.stamps:
             raise EstimatorError(
                 f"there is no mark at {stamp}; there are marks at {list(self.stamps)}"
@@ -232,10 +215,7 @@ def _by_clone(rows: Floats) -> Floats:
 
 
 def _after_steps(rows: Floats, steps: Floats) -> Floats:
-    """Covariances (3m, n) of m clones' errors with others, after steps (m, 3).
-
-    An error in yaw moves the position by the step, turned by a right angle.
-    """
+    """Covariances (3m, n) of m clones' errors with others, after steps (m, 3)."""
     carried = rows.copy()
     carried[0::3] -= steps[:, 1:2] * rows[2::3]
     carried[1::3] += steps[:, 0:1] * rows[2::3]

@@ -125,12 +125,9 @@ class Ekf:
             self.observer.wandered(decay, variance)
 
     def twist_model(self, left: float, right: float, slip_shares: Triple = WHOLE) -> TwistModel:
-        """Body velocity and its Jacobian at the present state; do not change them.
+        """Body velocity and its Jacobian at track speeds [m/s]; do not change them.
 
-        Args:
-            left: measured speed of the left track [m/s].
-            right: measured speed of the right track [m/s].
-            slip_shares: factors on the slip, for its mean over a step.
+        `slip_shares` are factors on the slip, for its mean over a step.
         """
         arrays = self.x.tobytes(), self.model.memory.tobytes(), self.regressors.tobytes()
         key = (left, right, *slip_shares, *arrays)
@@ -187,12 +184,9 @@ class Ekf:
         self.renewed(covariance)
 
     def replace_pose(self, pose: Floats, covariance: Floats) -> None:
-        """Replace the pose by another, independent of all other states.
+        """Replace the pose (3,) [m, m, rad] by another, independent of all other states.
 
-        Args:
-            pose: (3,) x, y [m], yaw [rad].
-            covariance: (3, 3) covariance of the pose; if fixes wander, (5, 5) of the pose and of a new
-                wander of zero.
+        The covariance is (3, 3); if fixes wander, (5, 5) of the pose and of a new wander of zero.
         """
         states = replaced_states(covariance)
         self.x[states] = 0.0
@@ -248,10 +242,7 @@ class Ekf:
                 self.inflate(index, variance=variance)
 
     def keep_inside_bounds(self) -> None:
-        """Project the parameters to the bounds of the motion model.
-
-        The pose stays, and so do consider states.
-        """
+        """Project parameters to the model's bounds; pose and consider states stay."""
         before = self.x
         fixed = (*POSE_FIXED, *self.considered, *range(s.SIZE, len(before)))
         self.x = inside(before, self.P, self._bounds, fixed)

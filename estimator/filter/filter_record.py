@@ -114,7 +114,7 @@ def sides_of(
 
 
 def wander_after(fixes: FixesRecord, stamp: int, sigma: float, time: float) -> tuple[float, float]:
-    """Decay of the wander of the fixes up to a stamp [ns], and variance that it gains [m²].
+    """Decay of the fixes' wander until a stamp [ns], and variance that it gains [m²].
 
     The wander has this standard deviation [m] and correlation time [s].
     """

@@ -35,22 +35,13 @@ LARGEST_INFLATION = 1e10
 
 
 def patience_for(squared_distance: Any, patience: Any, fastest: Any) -> Any:
-    """Time of rejections after which a position is re-acquired [s].
-
-    Args:
-        squared_distance: of the position from the predicted one [m²].
-        patience: that of the settings [s].
-        fastest: highest track speed of the robot [m/s].
-    """
+    """Time of rejections [s] after which a position at this distance² [m²] is used."""
     driving_time = math.sqrt(squared_distance) / fastest
     return max(patience, min(LARGEST_PATIENCE_FACTOR * patience, driving_time))
 
 
 def inflation(square: float, expected: float) -> float:
-    """Variance to add to a state that is to follow an innovation: its square, limited.
-
-    `expected` is the variance of the innovation before the inflation.
-    """
+    """Variance to add to a state, by square and expected variance of an innovation."""
     return min(square, LARGEST_INFLATION * expected)
 
 
@@ -119,10 +110,8 @@ class Gate:
     def judge(self, nis: float, interval: float, patience: float | None = None) -> int:
         """Return the verdict on a normalised innovation squared, and count it.
 
-        Args:
-            nis: normalised innovation squared.
-            interval: time that it counts if it is rejected [s].
-            patience: time of rejections before re-acquisition; None for that of the gate [s].
+        A rejection counts `interval` [s]; after `patience` [s] of them, by default the gate's, it is
+        re-acquired.
         """
         counts, verdict = self.counts, ADMITTED
         if not nis <= self.threshold:
@@ -193,13 +182,9 @@ def gates_of(
     records: Mapping[str, GateRecord],
     make_record: Callable[[GateRecord], GateRecord],
 ) -> dict[str, Gate]:
-    """Make the gates of all sensors, by name.
+    """Make the gates of all sensors, by the names of their components.
 
-    Args:
-        components: names of the innovations' components, by sensor.
-        settings: settings of the gates.
-        records: counts that exist already, by sensor of the IMU.
-        make_record: makes the others from new ones.
+    Gates of the IMU have their counts in `records`; those of others are made by `make_record`.
     """
     return {
         name: Gate(

@@ -124,13 +124,7 @@ def slip_times(time_constant: float, factor: float) -> Vector3:
 
 
 def lasting_slip(slip: Any, heading: tuple[Any, Any], interval: Any) -> tuple[Any, Any, Any]:
-    """Errors of x, y and slip of v_x if the slip has lasted since the last fix.
-
-    Args:
-        slip: the slip of v_x at the fix [m/s].
-        heading: cosine and sine of the yaw.
-        interval: time since the fix before [s].
-    """
+    """Errors of x, y [m] and slip [m/s] if the slip of v_x has lasted an interval [s]."""
     lasting = slip * min(1.0, interval / GROUND_TIME)
     distance = 0.5 * interval * lasting
     return heading[0] * distance, heading[1] * distance, lasting
@@ -183,10 +177,7 @@ def fast_slip_density(
 def twist_covariance(jacobian: Floats, P: Floats, fastest: float) -> Floats:
     """(3, 3) covariance of the body velocity, see `share_of_sigma`.
 
-    Args:
-        jacobian: (3, n) derivative of the body velocity by the state.
-        P: (n, n) covariance of the state.
-        fastest: highest speed of a track [m/s].
+    Its derivative by the n states is `jacobian` (3, n), their covariance P (n, n).
     """
     covariance = np.asarray(jacobian @ P @ jacobian.T)
     v_x, v_y = (share_of_sigma(covariance.item(axis, axis), fastest) for axis in (0, 1))
@@ -195,14 +186,10 @@ def twist_covariance(jacobian: Floats, P: Floats, fastest: float) -> Floats:
 
 
 def share_of_sigma(variance: Any, fastest: Any) -> Any:
-    """Factor that bounds the sigma of v_x or v_y by the highest track speed.
+    """Factor that bounds the sigma of v_x or v_y by the highest track speed [m/s].
 
     The fast slip is white. Of a speed that is unknown for long, it has the error of the path, but a
     larger variance.
-
-    Args:
-        variance: variance by the state [m²/s²].
-        fastest: highest speed of a track [m/s].
     """
     limit = fastest * fastest
     return fastest / math.sqrt(select(variance > limit, variance, limit))

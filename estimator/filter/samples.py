@@ -108,10 +108,7 @@ def are_in_order(samples: SampleArrays) -> bool:
 
 
 def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
-    """Return True if a log has readings that are rejected before the gates.
-
-    `max_track_speed` [m/s] is that of the robot, or of the slowest one of several.
-    """
+    """Return True if a log has readings that are rejected before the gates."""
     imu, fastest = log.imu, ABSURD_SPEED * max_track_speed
     readings = [(values, fastest) for values in (log.tracks.speeds, *wheels_of(log.tracks))]
     if imu is not None:

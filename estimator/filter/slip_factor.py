@@ -113,20 +113,13 @@ def share_of_moving(left: Any, right: Any) -> Any:
 
 
 def let_slip_last(ekf: Ekf, yaw: float, interval: float) -> None:
-    """Inflate slip and position by the slip that has faded since the last fix.
-
-    `yaw` is that at the fix [rad], `interval` the time since the fix before [s].
-    """
+    """Inflate slip and position by the slip that has faded in an interval [s]."""
     faded = lasting_slip(ekf.x.item(s.SLIP_X), (math.cos(yaw), math.sin(yaw)), interval)
     ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(faded, faded), of_motion=True)
 
 
 def follow_scatter(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
-    """Add a position fix and its innovation to the scatter, see `add_fix`.
-
-    Once scatter is found, the caller inflates the states by their corrections with the fixes, see
-    `inflate_by_corrections`.
-    """
+    """Add a position fix and its innovation to the scatter, see `add_fix`."""
     x, y = normalised(fix.z, fix.S)
     count_innovation(scatter, x, y)
     return add_fix(scatter, fix, correction)

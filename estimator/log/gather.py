@@ -53,7 +53,7 @@ def gathered(measurements: Iterable[Measurement]) -> dict[str, Any]:
 
 
 def _tracks(speeds: list[TrackSpeeds]) -> TrackSpeedSeries:
-    """Series of track speeds, with those of wheels if all samples have the same number."""
+    """Series of track speeds; wheels are kept if all samples have as many."""
     stamps, means = _stamps(speeds), _array([(m.left, m.right) for m in speeds], 2)
     counts = {(len(m.left_wheels), len(m.right_wheels)) for m in speeds}
     if counts <= {(0, 0)}:

@@ -182,7 +182,7 @@ def _windows(late: Curve, reference: Curve, origin: int, lags: Floats) -> Floats
 
 
 def _residuals(values: Floats, regressor: Floats) -> Floats:
-    """Absolute residuals (n,) of the line that makes their sum least, by weighted rounds."""
+    """Absolute residuals (n,) of the line for which their sum is least."""
     smallest = 0.01 * np.std(values)
     weights = np.ones(len(values))
     for _ in range(ROUNDS):

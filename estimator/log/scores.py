@@ -79,12 +79,9 @@ class Drift:
 
 
 def mean_ratio(errors: Floats, distances: Floats, horizon: float) -> Floats:
-    """Mean error over mean distance of the segments with motion; NaN without any.
+    """Mean error over mean distance of segments with motion; NaN without any.
 
-    Args:
-        errors: (n, ...) errors of the segments.
-        distances: (n, ...) their distances [m].
-        horizon: their length [s, m].
+    Errors are (n, ...), distances (n, ...) [m], of segments of a length `horizon` [s, m].
     """
     moved = distances > SLOWEST_MEAN_SPEED * horizon
     with np.errstate(invalid="ignore"):
@@ -198,11 +195,7 @@ def segment_errors(
 ) -> tuple[Floats, Floats]:
     """Position [m] and signed yaw errors [rad] of segments aligned at their starts.
 
-    Args:
-        estimated: (m, ..., 3) estimated poses.
-        true: (m, ..., 3) true poses at the same stamps.
-        first: (n,) indices of segment starts.
-        last: (n,) indices of segment ends.
+    Poses are (m, ..., 3); `first` and `last` (n,) are indices of segment starts and ends.
     """
     apart = relative(estimated[first], estimated[last]) - relative(true[first], true[last])
     return np.hypot(apart[..., 0], apart[..., 1]), np.asarray(wrap_angle(apart[..., 2]))
@@ -214,7 +207,7 @@ def pieces(stamps: Stamps, largest_gap: float) -> Places:
 
 
 def are_within(piece: Places, times: NDArray[Any], begins: Any, ends: Any) -> NDArray[np.bool_]:
-    """Mask (k,) of intervals within one piece, by the piece (n,) and time of each stamp."""
+    """Mask (k,) of intervals within one piece, by pieces and times (n,) of stamps."""
     first = np.clip(np.searchsorted(times, begins, side="right") - 1, 0, None)
     last = np.minimum(np.searchsorted(times, ends), len(piece) - 1)
     return np.asarray(piece[first] == piece[last])

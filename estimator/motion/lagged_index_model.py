@@ -198,10 +198,7 @@ def linearise(
     vehicle: VehicleConstants,
     memory: Any,
 ) -> tuple[Motion, TwistDerivatives]:
-    """Compute the motion and the derivatives of its twist; arguments as in `advanced`.
-
-    The lagged forces are inputs: derivatives by what they depend on are left out.
-    """
+    """Compute the motion and the derivatives of its twist; lagged forces are inputs."""
     at = evaluate(V_l, V_r, parameters, gravity, vehicle, memory)
     zeta1, epsilon1, epsilon_F = parameters[2], parameters[4], parameters[8]
     (zeta, epsilon, eta), (zeta_free, epsilon_free, eta_free) = at.indices, at.frees

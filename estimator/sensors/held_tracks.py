@@ -125,7 +125,7 @@ def take_motion(
     force_y: float,
     settings: InputSettings,
 ) -> float:
-    """Add a sample of the IMU, which shows whether tracks spin, robot slides or gyro fails.
+    """Add an IMU sample, which shows spinning tracks, slides and faults of the gyro.
 
     Args:
         held: record of the track speeds, changed in place.

@@ -132,7 +132,7 @@ def measure_noise(
 
 
 def next_interval(pace: Pace, stamp: int, hold: float) -> float:
-    """Add a value's stamp [ns]; return the interval [s], 0 if it is longer than `hold`."""
+    """Add a value's stamp [ns]; return the interval [s], 0 if longer than `hold`."""
     dt = (stamp - pace.stamp) * NANOSECOND
     pace.stamp = stamp
     if not 0.0 < dt <= hold:
@@ -146,11 +146,7 @@ def next_interval(pace: Pace, stamp: int, hold: float) -> float:
 
 
 def add_value(differences: Differences, value: float, run: int, dt: float, interval: float) -> None:
-    """Add a value of an axis to its differences.
-
-    It is the value number `run` since the newest gap, `dt` after the one before [s]; the averaged
-    interval between values is `interval` [s].
-    """
+    """Add the value number `run` since a gap, `dt` after the last one [s]."""
     change = value - differences.newest
     difference = abs(change - differences.change)
     differences.newest, differences.change = value, change
@@ -208,7 +204,7 @@ def imu_noise(noise: NoiseRecord, at_rest: bool, settings: InputSettings) -> Imu
 
 
 def noise_of_step(noise: NoiseRecord, still: StandstillRecord, settings: InputSettings) -> ImuNoise:
-    """Noise of an IMU that a step assumes; large accelerometer noise of a carried robot."""
+    """Noise of an IMU that a step assumes; of a carried one by the gyro alone."""
     assumed = imu_noise(noise, tracks_rest(still), settings)
     if is_carried(still):
         return ImuNoise(assumed.gyro, CARRIED_FORCE, CARRIED_FORCE)

@@ -59,10 +59,7 @@ def pose_ahead(x: Floats, model: TwistModel, density: Floats, elapsed: float) ->
 
 
 def point_on_robot(pose: Prediction, forward: float, left: float) -> Prediction:
-    """Position of a point of the robot, with the yaw, by a predicted pose.
-
-    The point is at `forward` and `left` in base_link [m].
-    """
+    """Position of a point of the robot, at forward and left [m], by a predicted pose."""
     if forward == 0.0 == left:
         return pose
     from_base = rotate(np.array([forward, left]), pose.values.item(2))

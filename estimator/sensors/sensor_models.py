@@ -136,10 +136,7 @@ def accelerometer_forecast(
 
 
 def shift(row: Floats, x: Floats, since: Floats) -> float:
-    """Shift of a prediction of Jacobian `row` (SIZE,) from the state `since` to `x`.
-
-    It is summed in order, so that all callers agree to the last bit, numba too.
-    """
+    """Change of a prediction from state `since` to `x`, summed in order as in C."""
     shifted = 0.0
     for part in row * (x - since):
         shifted += part

@@ -57,7 +57,7 @@ class QuietMemory(NamedTuple):
 def stopped_after(
     still: StandstillRecord, stamp: int, left: float, right: float, track_speed: float
 ) -> None:
-    """Add speeds of both tracks [m/s] at a stamp [ns]; slower than `track_speed` is rest."""
+    """Add speeds of both tracks [m/s] at a stamp [ns]; below `track_speed` they rest."""
     if abs(left) >= track_speed or abs(right) >= track_speed:
         if still.stopped_since != NEVER:
             still.stopped_since = still.changed_at = NEVER
@@ -171,7 +171,7 @@ def add_quiet(still: StandstillRecord, stamp: int, mean: float, usual_change: fl
 
 
 def add_restless(still: StandstillRecord, stamp: int) -> None:
-    """Add a stamp [ns] of turning or shaking at rest; after `ROCKING_TIME` it is carried."""
+    """Add a stamp [ns] of unrest with resting tracks; a robot is carried if it lasts."""
     if still.restless_since == NEVER:
         still.restless_since = stamp
     if not is_carried(still) and (stamp - still.restless_since) * NANOSECOND > ROCKING_TIME:
@@ -190,7 +190,7 @@ def is_carried(still: StandstillRecord) -> bool:
 
 
 def carried_density(still: StandstillRecord, start: int, end: int) -> float:
-    """Error density of a carried robot's velocity, over a step from start to end [ns] [m²/s].
+    """Error density of a carried robot's velocity over a step [ns] [m²/s].
 
     Nothing shows where it goes: the distance is off by `CARRIED_SPEED` times the duration, at one
     standard deviation.
@@ -203,10 +203,7 @@ def carried_density(still: StandstillRecord, start: int, end: int) -> float:
 
 
 def turn_density(still: StandstillRecord, start: int, end: int) -> float:
-    """Error density of the yaw over a step from start to end [ns] [rad²/s].
-
-    A robot whose quiet mean has changed may turn while it rests.
-    """
+    """Error density of the yaw in a step [ns] if the quiet mean has changed [rad²/s]."""
     if still.changed_at == NEVER:
         return 0.0
     rate, since = SLOW_TURN * (still.quiet_mean - still.mean_before), still.changed_at
@@ -245,12 +242,7 @@ def is_full(still: StandstillRecord, stamps: Stamps) -> bool:
 
 
 class QuietReadings:
-    """Buffers for the yaw-rate readings of one streaming filter.
-
-    Attributes:
-        stamps: stamps of the readings [ns].
-        rates: the readings [rad/s].
-    """
+    """Buffers for yaw-rate readings [rad/s] of a filter, and their stamps [ns]."""
 
     def __init__(self) -> None:
         self.stamps: Stamps = np.zeros(ROOM, np.int64)

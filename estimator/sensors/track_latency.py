@@ -100,10 +100,7 @@ class _Rate:
         self._rates: Floats = np.zeros(0)
 
     def first_after_hole(self, stamps: Stamps) -> int:
-        """First of some later stamps [ns] that comes after a hole; `NO_HOLE` for none.
-
-        A clock that was set back before them is a hole, too.
-        """
+        """First of some later stamps [ns] after a hole or a clock set back, or `NO_HOLE`."""
         all_stamps = np.concatenate([self.stamps[-1:], stamps])
         steps = np.diff(all_stamps)
         are_holes = steps > LARGEST_HOLE

@@ -61,12 +61,7 @@ def loss_kinds(path: Trajectory, *, finite: Any = True, negative: Any = False) -
 
 
 def loss_of(run: Run, start: int) -> LostFilter | None:
-    """Loss of a filter, from its run; None if all rows and sums of NIS are usable.
-
-    Args:
-        run: the run.
-        start: stamp from which times are counted [ns].
-    """
+    """Loss of a filter, at a time since `start` [ns]; None if rows and NIS are usable."""
     if not len(run.trajectory.stamps):
         tracks = run.health.sensors.get("tracks")
         counts = {} if tracks is None else tracks.rejected
@@ -91,13 +86,9 @@ def loss_of(run: Run, start: int) -> LostFilter | None:
 
 
 def stopped_by(problem: Exception, so_far: Run, start: int, stamp: int) -> LostFilter:
-    """Loss of a filter that has raised an exception.
+    """Loss of a filter by an exception at a stamp, in seconds since `start` [ns].
 
-    Args:
-        problem: the exception.
-        so_far: rows of the run before it; if one of them is unusable, that is the reason.
-        start: stamp from which times are counted [ns].
-        stamp: stamp of the measurement that it was raised at [ns].
+    If a row of the run so far is unusable, that is the reason.
     """
     seconds = (stamp - start) * NANOSECOND
     reason = f"stopped at {seconds:.1f} s by {described(problem)}"

@@ -26,12 +26,7 @@ class IcrPoints(NamedTuple):
 
 
 def icr_points(indices: IndexValues, track_gauge: float) -> IcrPoints:
-    """Compute the ICRs of the tracks by (28) to (30).
-
-    Args:
-        indices: zeta, epsilon [m], eta [-].
-        track_gauge: distance between the centre lines of the tracks [m].
-    """
+    """Compute the ICRs of the tracks by (28) to (30), for a track gauge [m]."""
     icrs = icrs_from_indices(indices, track_gauge)
     left = paper_to_rep103(icrs.x_ICRl, icrs.y_ICR)
     right = paper_to_rep103(icrs.x_ICRr, icrs.y_ICR)

@@ -85,11 +85,7 @@ class OwnFaults:
         return {fault.name: deepcopy(fault) for fault in self.watched}
 
     def restore(self, memory: dict[str, Any]) -> None:
-        """Restore copies, or fields of a file; faults that are missing start again.
-
-        Raises:
-            EstimatorError: the fields of a file are not those of the fault.
-        """
+        """Restore copies or fields of a file; `EstimatorError` if they do not fit."""
         for index, fault in enumerate(self.watched):
             saved = memory.get(fault.name, type(fault)())
             is_copy = isinstance(saved, OwnFault)
@@ -100,11 +96,7 @@ class OwnFaults:
                 raise EstimatorError(f"{fault.name!r}: its memory is another: {problem}") from None
 
     def require_files(self) -> None:
-        """Require memories that a file can hold.
-
-        Raises:
-            EstimatorError: one holds a number that is not finite, or another kind of value.
-        """
+        """Require memories that a file can hold; `EstimatorError` otherwise."""
         for fault in self.watched:
             try:
                 decoded = msgspec.json.decode(msgspec.json.encode(fault), type=type(fault))

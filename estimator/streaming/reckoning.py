@@ -266,11 +266,7 @@ class Reckoning:
     # --- inputs ----------------------------------------------------------------------------------
 
     def take(self, event: Event) -> bool:
-        """Update with one measurement or mark, not older than the one before.
-
-        Returns:
-            True if it was used.
-        """
+        """Update with a measurement or mark, no older than the last; True if it was used."""
         if self.own_faults.watched and not isinstance(event, Mark):
             event, excluded_by = self.own_faults.watch(event, self, self.ekf)
             if excluded_by is not None:

@@ -226,7 +226,7 @@ def _readable(value: Any, indent: str = "") -> str:
 
 
 def require_64_bits(content: Any) -> None:
-    """Require that all whole numbers of a file fit into 64 bits; `ValueError` otherwise."""
+    """Require that whole numbers of a file fit into 64 bits; `ValueError` otherwise."""
     if isinstance(content, dict | list):
         for item in content.values() if isinstance(content, dict) else content:
             require_64_bits(item)
@@ -279,7 +279,7 @@ def _require_size(values: Floats, name: str) -> None:
 
 
 def require_covariance(P: Floats) -> None:
-    """Require a finite, symmetric, positive semidefinite matrix, `ValueError` otherwise."""
+    """Require a finite, symmetric, positive semidefinite matrix, else `ValueError`."""
     variances = P.diagonal()
     if not (variances.min() >= 0.0 and np.abs(P).max() <= LARGEST_VARIANCE):
         raise ValueError(f"variances must be from 0 to {LARGEST_VARIANCE:g}")

@@ -24,11 +24,7 @@ READY: set[tuple[object, ...]] = set()  # shapes of filters whose kernels this p
 
 
 def warm_up(model: MotionModel, robot: Robot, variant: Variant, settings: Settings) -> None:
-    """Compile all kernels of a filter, once in a process for each shape of filter.
-
-    It takes up to 20 s with an empty cache, and less than a second with a full one; the plain engine has
-    no kernels.
-    """
+    """Compile all kernels of a filter, once in a process for each shape of filter."""
     if settings.engine == "plain":
         return
     from icreckon.estimator.engine.model import traced_model

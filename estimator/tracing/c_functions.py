@@ -52,10 +52,7 @@ class Functions:
     def name_and_result(
         self, function: Callable[..., Any], types: Sequence[Type]
     ) -> tuple[str, Type]:
-        """Name in C and type of the result of a function; translate it if it is new.
-
-        An annotated number or tuple type of a parameter is used instead of the argument's.
-        """
+        """Name in C and type of the result of a function; translate it if it is new."""
         names = list(inspect.signature(function).parameters)
         hints = get_type_hints(function)
         used_types = []

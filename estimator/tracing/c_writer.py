@@ -463,10 +463,7 @@ class FunctionWriter:
         raise self._fail(node)
 
     def _call_of(self, node: ast.Call, called: Any, args: Sequence[Code]) -> Code:
-        """Call of a named tuple's type, or of a function of this package.
-
-        The default of a parameter without argument must be a tuple of numbers.
-        """
+        """Call of a named tuple's type, or of a function of this package."""
         if isinstance(called, type) and issubclass(called, tuple):
             return self._tuple(args, self._functions.of_annotation(called))
         if not str(getattr(called, "__module__", "")).startswith(LIBRARY):

@@ -99,10 +99,7 @@ PLAIN: dict[str, Any] = {
 
 
 def traced(function: Callable[..., Any]) -> Any:
-    """Copy a function of plain numbers, and those that it calls, for traced numbers.
-
-    They must have no branches on these numbers.
-    """
+    """Copy a branchless function, and those that it calls, for traced numbers."""
     twins: dict[Any, Any] = {}
 
     def twin(original: Any) -> Any:

@@ -33,10 +33,7 @@ def lanes_of_machine(bits: int) -> int:
 
 
 def emit(module: Any, symbol: str, kernel: Kernel, width: int, bits: int = 64) -> None:
-    """Emit a kernel into a module, as a function of `ARRAYS` that returns its flags.
-
-    The function is named `symbol`, and has `width` lanes of numbers of 64 or 32 `bits`.
-    """
+    """Emit a kernel as function `symbol` of `ARRAYS`, which returns its flags."""
     number = ir.DoubleType() if bits == 64 else ir.FloatType()
     kind = ir.FunctionType(LONG, [number.as_pointer()] * len(ARRAYS))
     _Emitter(ir.Function(module, kind, name=symbol), kernel, width, number).emit()

@@ -78,11 +78,7 @@ def _cached(function: FunctionType, options: dict[str, Any]) -> Any:
 
 
 def jit(function: Any, callers: tuple[Any, ...] = ()) -> Any:
-    """Compile a function that other compiled ones call.
-
-    Raises:
-        ValueError: it calls itself, directly or through others.
-    """
+    """Compile a function that compiled ones call; `ValueError` if it calls itself."""
     if function in callers:
         raise ValueError(f"{function.__qualname__} calls itself, which compiled functions cannot")
     if function not in COMPILED:

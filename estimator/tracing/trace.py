@@ -255,12 +255,9 @@ def both(first: Any, second: Any) -> Any:
 def where_needed(
     needed: Any, usual: Sequence[Any], instead: Callable[[], Sequence[Any]]
 ) -> list[Any]:
-    """Replace values in some lanes, computed only if there are such lanes.
+    """Replace the usual values in lanes that need it by those of `instead`.
 
-    Args:
-        needed: truth value of each lane: its values are replaced.
-        usual: values of all other lanes.
-        instead: function that returns the values of these lanes.
+    These are computed only if there are such lanes.
     """
     if not isinstance(needed, Traced):
         return list(instead() if needed else usual)
