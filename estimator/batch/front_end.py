@@ -123,12 +123,9 @@ class FrontEnd:
         self._added = 0  # number of track speeds in the records
 
     def fill(self, begin: int, end: int, inputs: Floats) -> None:
-        """Compute the inputs of the steps from `begin` to before `end`.
+        """Compute the inputs of steps, from where the last call ended to before `end`.
 
-        Args:
-            begin: the first step; each call continues where the last one ended.
-            end: one after the last.
-            inputs: (end - begin, rows, lanes) written to; lanes beyond those of the runs repeat the last.
+        They are written to (end - begin, rows, lanes); lanes beyond those of the runs repeat the last.
         """
         steps = self._steps.part(begin, end)
         fill_entry(inputs, self._lanes, self._measured, steps, self._added)

@@ -34,14 +34,9 @@ class PlaceRecord(msgspec.Struct):
 
 
 def repeats(place: PlaceRecord, stamp: int, x: float, y: float, speed: float) -> bool:
-    """Add a fix; return True if it repeats a position while driving.
+    """Add a fix [ns, m, m]; return True if it repeats a position while driving.
 
-    Args:
-        place: newest place of the receiver's fixes, changed in place.
-        stamp: stamp of the fix [ns].
-        x: measured [m].
-        y: measured [m].
-        speed: forward speed by the tracks [m/s]; noise of resting ones adds up to nothing.
+    `speed` is forward, by the tracks [m/s]: noise of resting ones adds up to nothing.
     """
     is_same = place.stamp != NEVER and x == place.x and y == place.y
     if is_same:

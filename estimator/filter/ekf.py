@@ -107,14 +107,10 @@ class Ekf:
         self.x, self.P = x, P
 
     def let_wander(self, decay: float, variance: float) -> None:
-        """Propagate the wander of position fixes over some time.
+        """Propagate the wander of position fixes, which decays and gains a variance [m²].
 
         Its transition is a number, which commutes with everything else that happens in that time. So this
         is exact once before each fix, and not only in each step.
-
-        Args:
-            decay: factor on the wander.
-            variance: variance that it gains along each axis [m²].
         """
         self.x[s.WANDER] *= decay
         fade_wander(self.P, decay)

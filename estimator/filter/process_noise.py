@@ -107,16 +107,12 @@ def slip_at(
 
 
 def slip_times(time_constant: float, factor: float) -> Vector3:
-    """Correlation times of the slip of v_x, v_y and w [s].
+    """Correlation times of the slip of v_x, v_y and w [s], by that without a factor.
 
     What a factor adds to the slip along the tracks lasts longer than what bends make: as long as the
     robot is on that ground. The time is the mean of both, weighted by their variances. The others stay:
     to the side the robot slips in bends, and a long slip could be a wrong yaw; the gyro shows that of w,
     and a long one could be its bias.
-
-    Args:
-        time_constant: that of the slip without the factor [s].
-        factor: factor on the slip that the fixes have shown, see `filter.slip_factor`.
     """
     own_share = 1.0 / (factor * factor)
     mean = own_share * time_constant + (1.0 - own_share) * GROUND_TIME

@@ -45,13 +45,9 @@ def add_rejected(
     predicted: tuple[float, float, float],
     wandered: float,
 ) -> None:
-    """Add a position fix; the oldest of `MOST` is dropped.
+    """Add a position fix: x, y [m], variance [m²]; the oldest of `MOST` is dropped.
 
-    Args:
-        rejected: the record, changed in place.
-        fix: x and y [m], and the variance that it states [m²].
-        predicted: predicted x and y [m]; the rest is not used.
-        wandered: variance that the wander of the fixes has gained since the one before [m²].
+    Predicted are x and y [m]; `wandered` is the variance that the wander has gained since the last [m²].
     """
     if rejected.count == MOST:
         for k in range(MOST - 1):

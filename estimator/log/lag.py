@@ -90,13 +90,7 @@ def places_of(poses: PoseSeries) -> Curve:
 
 
 def plain_path(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats) -> PoseSeries:
-    """Path at the stamps of the IMU, by the gyro and the mean of the tracks.
-
-    Args:
-        tracks: the track speeds, at least one.
-        imu: the IMU, for its stamps.
-        rates: (n,) its rate about the vertical [rad/s].
-    """
+    """Path at the IMU's stamps, by its yaw rates (n,) [rad/s] and mean track speeds."""
     yaw = turned(imu.stamps, rates).values
     ends = np.searchsorted(tracks.stamps, imu.stamps).clip(max=len(tracks.stamps) - 1)
     speed = tracks.speeds.mean(axis=1)[ends]

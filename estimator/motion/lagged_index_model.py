@@ -110,7 +110,7 @@ def advanced(
     gravity: Gravity,
     vehicle: VehicleConstants,
 ) -> tuple[Number, Number, Number, Number]:
-    """Memory after a step at constant track speeds.
+    """Memory (MEMORY,) after a step at constant track speeds.
 
     Args:
         memory: (MEMORY,) the memory before it.

@@ -112,13 +112,9 @@ def turn_along_arc(angle: float, arc: Any) -> tuple[float, float]:
 
 
 def gauss_markov(dt: float, tau: float) -> GaussMarkov:
-    """Transition of a Gauss-Markov process of unit variance over a step.
+    """Transition of a Gauss-Markov process of unit variance over a step [s].
 
     Where differences of nearly equal numbers would be left, series in dt / tau take their place.
-
-    Args:
-        dt: length of the step [s].
-        tau: time constant of the process [s].
     """
     ratio = dt / tau
     short, long = min(ratio, SHORT), max(ratio, SHORT)

@@ -87,13 +87,8 @@ def measure_noise(
 ) -> None:
     """Add an IMU sample: its readings, and with the last of a block the block's means.
 
-    Args:
-        noise: record, changed in place.
-        stamp: stamp of the sample [ns].
-        rate: yaw rate [rad/s], NaN if the gyro fails.
-        force_x: specific force forward [m/s²], NaN if there is none.
-        force_y: specific force to the left [m/s²], likewise.
-        hold: after a longer gap the differences start again [s].
+    The yaw rate [rad/s] and the forces forward and left [m/s²] are NaN if there is none. After a gap
+    longer than `hold` [s] the differences start again.
     """
     gyro, x, y = noise.gyro, noise.accelerometer_x, noise.accelerometer_y
     # A missing reading (NaN) repeats the last one, which is no noise.

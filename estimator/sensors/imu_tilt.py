@@ -39,13 +39,10 @@ class Tilt(NamedTuple):
 
 
 def add_rates(sums: TiltRecord, interval: float, yaw: float, roll: float, pitch: float) -> float:
-    """Add yaw, roll and pitch rates by the gyros [rad/s] to a record; NaN if unknown.
+    """Add yaw, roll and pitch rates over an interval [s] by the gyros, NaN if unknown.
 
-    They are means over the interval [s] since the readings before.
-
-    Returns:
-        Error density of the angles of roll and pitch [rad²/s]. Half the square of the change between
-        readings is the variance of white noise, and an outlier adds the square of its angle.
+    Returns the error density of roll and pitch [rad²/s]. Half the square of the change between readings
+    is the variance of white noise, and an outlier adds the square of its angle.
     """
     if yaw != yaw or roll != roll:
         return 0.0

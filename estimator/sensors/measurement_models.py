@@ -44,14 +44,11 @@ Quantity = Literal["pose", "twist", "height"]
 
 
 def imu_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
-    """States that the IMU does not move.
+    """States that the IMU does not move, except parameters that it is `taught`.
 
     They are the pose, the scales of tracks and gyro, and most parameters. It sees them only through other
     errors of the motion, and would attribute these to them: against tracks that slip in gentle bends the
     scale of a healthy gyro went 6 % wrong. Fixes and body velocities measure them.
-
-    Args:
-        taught: places of the parameters that it moves, see `MotionModel.taught_by_imu`.
     """
     moved = (s.PARAMETERS.start + place for place in taught)
     parameters = set(range(s.PARAMETERS.start, s.PARAMETERS.stop)).difference(moved)
@@ -59,12 +56,12 @@ def imu_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def gyro_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
-    """States that neither the gyro nor a standstill moves.
+    """States that neither the gyro nor a standstill moves; argument as in `imu_fixed`.
 
     They are those of `imu_fixed`, gravity along the ground, and the biases of the accelerometers and of
     the rates of roll and pitch, which are known together with it. Gyro and standstill see a slope only
     through the slip that the model gives it. Without accelerometers all errors of the model would be
-    taken for slopes. The argument is that of `imu_fixed`.
+    taken for slopes.
     """
     biases = range(s.ACCELEROMETER_BIASES.start, s.GYRO_BIAS_Y + 1)
     return (*imu_fixed(taught), *biases, s.GRAVITY_X, s.GRAVITY_Y)

@@ -41,13 +41,9 @@ def height_now(x: Floats) -> Prediction:
 
 
 def pose_ahead(x: Floats, model: TwistModel, density: Floats, elapsed: float) -> Prediction:
-    """Predict the pose after the newest step.
+    """Predict the pose of a state (SIZE,) and its twist, `elapsed` after the step [s].
 
-    Args:
-        x: (SIZE,) the state.
-        model: the twist at `x`.
-        density: (3, 3) density of the fast slip, see `icreckon.estimator.filter.process_noise`.
-        elapsed: time since the newest step [s].
+    The density (3, 3) of the fast slip is by `icreckon.estimator.filter.process_noise`.
     """
     twist, jacobian = _without_fast_slip(x, model)
     step, by_yaw, rows = step_on_se2(x.item(s.YAW), (twist * elapsed).tolist())

@@ -78,11 +78,8 @@ class SensorModels:
 def gyro_variance(density: float, interval: float, by_turning: Any, change: TrackChange) -> float:
     """Variance of a gyro reading about the yaw rate of the motion model [rad²/s²].
 
-    Args:
-        density: noise density of the gyro [rad²/s].
-        interval: time between samples [s].
-        by_turning: (2,) derivative of the yaw rate by the track speeds.
-        change: change of the track speeds.
+    The gyro has a noise density [rad²/s] and an interval [s]; `by_turning` (2,) is the derivative of the
+    yaw rate by the track speeds.
     """
     # The newest track speeds are averages of the time before, so they are late.
     late = _along(by_turning, change.acceleration) * change.age

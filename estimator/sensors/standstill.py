@@ -222,13 +222,7 @@ def bias_change(change: Any, variance: Any, rest_time: Any, drive_time: Any) -> 
     """Variances to add to bias and yaw; 0 if noise explains the change of the bias.
 
     At rest all turning was that of the bias. While driving it may have changed at any time since the
-    robot last stood.
-
-    Args:
-        change: mean of the quiet readings less the estimated bias [rad/s].
-        variance: variance of that difference [rad²/s²].
-        rest_time: time at rest since the robot last stood [s].
-        drive_time: time of driving since then [s].
+    robot last stood. The change of the quiet mean [rad/s] has a variance; times are since then [s].
     """
     square = max(0.0, change * change - SIGMAS_OF_MEAN * SIGMAS_OF_MEAN * variance)
     of_rest = (1.0 + SLOW_TURN * SLOW_TURN) * (rest_time * rest_time)

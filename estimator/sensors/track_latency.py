@@ -158,15 +158,10 @@ class TrackLatencyEstimator:
     def take(
         self, track_stamps: Stamps, turning: Floats, gyro_stamps: Stamps, rates: Floats
     ) -> None:
-        """Add later samples, and use the windows that they complete.
+        """Add later samples, at raw stamps [ns], and use the windows that they complete.
 
-        It costs less with many samples at once.
-
-        Args:
-            track_stamps: (n,) raw stamps of the track speeds [ns].
-            turning: (n,) speed of the right track less that of the left [m/s], in any scale.
-            gyro_stamps: (m,) raw stamps of the gyro [ns].
-            rates: (m,) its yaw rates, with the bias [rad/s].
+        Tracks (n,) have the difference right less left [m/s], in any scale; the gyro (m,) yaw rates with
+        the bias [rad/s]. Many samples at once cost less.
         """
         hole = NEVER
         # Add the samples up to each hole in either series; windows start again after it.

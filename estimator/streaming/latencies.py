@@ -113,12 +113,8 @@ class StampCorrection:
 
     Args:
         latencies: the latencies.
-        estimated: estimate of an earlier run to begin with [s].
+        estimated: part of the track speeds' latency that an earlier run has estimated [s].
         memory: checkpoint of the watch, see `memory`; None to start again.
-
-    Attributes:
-        latencies: the latencies.
-        estimated: part of the track speeds' latency that was estimated, and is taken off [s].
     """
 
     def __init__(

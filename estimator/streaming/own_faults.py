@@ -40,10 +40,8 @@ class OwnFaults:
     ) -> tuple[Measurement, str | None]:
         """Watch a measurement, and inflate the filter.
 
-        Each fault sees the measurement as those before it have replaced it.
-
-        Returns:
-            The measurement to use; the name of the fault that excludes it, or None.
+        Each fault sees the measurement as those before it have replaced it. Returns that to use, and the
+        name of the fault that excludes it, or None.
         """
         excluded_by: str | None = None
         inflations: list[tuple[int, float]] = []

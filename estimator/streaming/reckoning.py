@@ -193,11 +193,9 @@ class Reckoning:
         self.own_faults.restore(checkpoint.own_faults)
 
     def warm_start(self, checkpoint: FilterCheckpoint, off: float) -> None:
-        """Start with parameters, biases and scales of a checkpoint.
+        """Start with parameters, biases and scales of a checkpoint of such a filter.
 
-        Args:
-            checkpoint: of a filter of the same robot and variant.
-            off: time since the checkpoint, over which the biases walk [s].
+        The biases have walked since, for `off` [s].
         """
         self.ekf.x[s.LEARNT] = checkpoint.state[s.LEARNT]
         self.ekf.P[s.LEARNT, s.LEARNT] = checkpoint.covariance[s.LEARNT, s.LEARNT]

@@ -248,15 +248,7 @@ class InnovationRows:
 
 
 class Rows:
-    """Rows of a run, filled by the filters.
-
-    Args:
-        most: highest number of rows.
-
-    Attributes:
-        arrays: the rows without innovations of fixes.
-        innovations: normalised innovations of the fixes.
-    """
+    """Rows of a run, up to `most`; innovations of fixes are apart from `arrays`."""
 
     def __init__(self, most: int) -> None:
         self.arrays = RunRows(

@@ -302,12 +302,8 @@ def unstretched(filtered: Floats, smoothed: Floats, anchor: int) -> Floats:
 
     Without fixes the correction of the yaw grows with the log. That of the position is linear in it: a
     path that is turned by 0.4 rad in this way is 8 % too long. So the corrections of the motion from row
-    to row are separated from the turn, each motion is corrected and turned, and the path composed again.
-
-    Args:
-        filtered: (n, 3) poses of the filter, at which everything is linearised.
-        smoothed: (n, 3) their sums with the linear corrections.
-        anchor: row from which the path is composed.
+    to row are separated from the turn, each motion is corrected and turned, and the path composed again
+    from the row `anchor`. The smoothed poses are those of the filter (n, 3) plus linear corrections.
     """
     turn = smoothed[:, 2] - filtered[:, 2]
     step = np.diff(filtered[:, :2], axis=0)
