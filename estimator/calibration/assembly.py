@@ -7,15 +7,8 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from icreckon.estimator.calibration.common_values import (
-    FRICTION_KEPT,
-    KEPT,
-    common_bias,
-    finite,
-    mounting_turns,
-    with_common,
-    written_difference,
-)
+from icreckon.estimator.calibration import common_values
+from icreckon.estimator.calibration.common_values import FRICTION_KEPT, KEPT, finite
 from icreckon.estimator.calibration.fit import Fit
 from icreckon.estimator.calibration.residuals import ACROSS, ALONG, SLIP
 from icreckon.estimator.calibration.result import (
@@ -40,6 +33,7 @@ TITLES = {
     "inertia": "inertia-based ICRs",
 }
 PLURAL_TITLES = ("constant", "inertia")
+PLANE = ("forward", "left")  # axes of places
 COMMON_NAMES = {
     "scale": "sprocket_radius",
     "gyro_scale": "imu.gyro_scale",
@@ -108,27 +102,25 @@ def assembled(
     """
     main = shared[comparison.supported]
     supported = _supported_fits(fits, comparison)
-    common = [name for name in COMMON_NAMES if name in main.problem.names]
+    common_names = [name for name in COMMON_NAMES if name in main.problem.names]
     # What one model takes for a latency another explains by inertia: a value of the file is kept unless
     # all models that may be right contradict it.
-    kept = frozenset[str]().union(*(fit.not_contradicted(common) for fit in supported))
-    new = with_common(robot, main, radii, supported, speeds_by_radius, kept)
+    kept = frozenset[str]().union(*(fit.not_contradicted(common_names) for fit in supported))
+    new = common_values.with_common(robot, main, radii, supported, speeds_by_radius, kept)
     notes = [BY_TRACKS_ALONE]
     if not speeds_by_radius and not robot.log:
         scale = f"{main.value('scale'):.4f}"
         notes.insert(0, f"track speeds are not by sprocket_radius: scale_sigma covers {scale}")
     written = main.with_start_of(kept)
-    common_values = {name: written.value(name) for name in {"scale", *kept}}
-    common_values["difference"] = new.tracks.difference
+    held = {name: written.value(name) for name in {"scale", *kept}}
+    held["difference"] = new.tracks.difference
     kept_names = {COMMON_NAMES[name] for name in kept}
     if not speeds_by_radius:
         kept_names -= {"sprocket_radius"}
     refitted = dict(shared)
     for name in ("constant", "inertia"):
         if name in fits:
-            refitted[name], new, kept_indices = _written(
-                shared[name], name, new, common_values, refit
-            )
+            refitted[name], new, kept_indices = _written(shared[name], name, new, held, refit)
             kept_names |= _result_names(name, kept_indices)
     rows = _parameters(robot, new, fits, refitted, main, radii, speeds_by_radius)
     richest = fits.get("inertia", fits["constant"])
@@ -149,18 +141,18 @@ def assembled(
 
 
 def _written(
-    shared_fit: Fit, name: str, new: Robot, common_values: dict[str, float], refit: Refit
+    shared_fit: Fit, name: str, new: Robot, held: dict[str, float], refit: Refit
 ) -> tuple[Fit, Robot, frozenset[str]]:
-    """Refit a model with the common values, and put it into the new robot file.
+    """Refit a model with held common values, and put it into the new robot file.
 
     Also returns the names of parameters that the logs do not contradict, which keep the file's values.
     """
-    model_fit = _refitted(shared_fit, name, common_values, refit)
+    model_fit = _refitted(shared_fit, name, held, refit)
     problem = model_fit.problem
     kept = model_fit.not_contradicted(p.name for p in problem.model.parameters)
     kept_values = {key: float(problem.start[problem.place(key)]) for key in kept}
-    held = common_values | kept_values
-    return model_fit, _put(_refitted(model_fit, name, held, refit, always=bool(kept)), new), kept
+    final = _refitted(model_fit, name, held | kept_values, refit, always=bool(kept))
+    return model_fit, _put(final, new), kept
 
 
 def _completed(
@@ -263,23 +255,20 @@ def _parameters(
         if speeds_by_radius
         else _row(main, "scale", "track_scale", "-", before=1.0, note="times log.tracks.scale")
     ]
-    _, note = written_difference(robot, radii)
+    _, note = common_values.written_difference(robot, radii)
     rows.append(_row(radii, "difference", "tracks.difference", "-", before=difference, note=note))
     gyro_scale = _row(main, "gyro_scale", "imu.gyro_scale", "-", before=robot.imu.gyro_scale)
     # That of the new file is for the calibrated mounting.
     rows += [replace(gyro_scale, value=new.imu.gyro_scale), _bias(robot, main)]
     before, after = robot.imu.rotation_rpy_deg, new.imu.rotation_rpy_deg
-    for axis, (_, error) in enumerate(mounting_turns(main)):
+    for axis, (_, error) in enumerate(common_values.mounting_turns(main)):
         name, is_known = ("imu.roll", "imu.pitch", "imu.yaw")[axis], np.isfinite(error)
         status: Status = "shown" if is_known else "held"
         sigma = float(np.degrees(error)) if is_known else None
         rows.append(FoundParameter(name, "deg", after[axis], sigma, status, before[axis]))
-    rows += [
-        _row(main, name, name.replace("imu_", "imu."), "m", before=0.0)
-        for name in ("imu_forward", "imu_left")
-        if name in main.problem.names
-    ]
-    rows += [_row(main, f"lever_arm_{name}", f"truth.{name}", "m") for name in ("forward", "left")]
+    if "imu_forward" in main.problem.names:
+        rows += [_row(main, f"imu_{name}", f"imu.{name}", "m", before=0.0) for name in PLANE]
+    rows += [_row(main, f"lever_arm_{name}", f"truth.{name}", "m") for name in PLANE]
     note = "extra delay, added to log.tracks.latency"
     rows.append(_row(main, "track_latency", "track_latency", "s", note=note))
     rows += _constant(robot, refitted["constant"], fits["constant"])
@@ -290,7 +279,7 @@ def _parameters(
 
 def _bias(robot: Robot, main: Fit) -> FoundParameter:
     """Initial gyro bias: mean over the logs."""
-    bias = common_bias(robot, main)
+    bias = common_values.common_bias(robot, main)
     note = "" if bias.written == bias.mean else KEPT
     status: Status = "held" if bias.error is None else "shown"
     before = robot.imu.gyro_bias

@@ -34,8 +34,7 @@ class Parameter(NamedTuple):
     name: str  # name in the robot file
     unit: str  # "m", "1/N", ...; "-" for none
     start: float  # initial value, from the robot file
-    # threshold error, in the unit; with a larger standard error it is unobservable
-    threshold: float
+    threshold: float  # standard error above which it is unobservable, in the unit
     rank: int  # among parameters that replace each other, the highest is held first
 
 
@@ -52,8 +51,7 @@ class Model:
     """Index model with some free parameters; the other indices are fixed."""
 
     name: str  # one of `MODELS`
-    # none, those of constant ICRs, or all but H; a name has one meaning in all models
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[Parameter, ...]  # none, those of constant ICRs, or all but H
     vehicle: VehicleConstants  # constants of the vehicle
     places: tuple[int, ...]  # places of the parameters in `Indices`
     H: float  # H of the robot file [-]

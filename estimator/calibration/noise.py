@@ -26,8 +26,7 @@ class Channel:
 
     name: str  # "position", "slip", "yaw", "forward force" or "left force"
     rows: NDArray[np.int64]  # (r, 2) segment and row of each
-    # (c, b, r) matrix of each component, as lower bands in the format of scipy.linalg
-    bands: Floats
+    bands: Floats  # (c, b, r) matrix of each component, lower bands as in scipy.linalg
 
     def covariance(self, components: Floats) -> Floats:
         """Covariance as lower bands (b, r)."""

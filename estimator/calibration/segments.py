@@ -61,8 +61,7 @@ class Motion:
     lag: float  # initial estimate of the truth's lag [s]; 0 if none was found
     no_lag: NoLag | None  # reason why none was found; None if it was
     bias: float  # initial estimate of the gyro's bias [rad/s]
-    # forces that the ground balances; None before they are estimated
-    forces: GroundForces | None = None
+    forces: GroundForces | None = None  # None before they are estimated
     own_headings: bool = True  # False if the truth's headings are from the path of tracks and gyro
 
 
@@ -84,8 +83,7 @@ class Recording:
     knot_times: Floats  # (k,) time of each knot [s]
     pair_knot: Indexes  # (p,) knot of each truth pose near a knot
     pair_pose: Indexes  # (p,) index of that pose in its log's truth
-    # dead-reckoned poses of each log: times (q,) [s] and (q, 3), to carry truth over to knots
-    paths: tuple[Series, ...]
+    paths: tuple[Series, ...]  # dead-reckoned path of each log: times (q,) [s], poses (q, 3)
 
     @property
     def cell(self) -> float:

@@ -3,9 +3,8 @@
 The wheels of a side roll over the ground at one speed. If each has a motor and a sensor of its own, one
 that loses its grip or sticks shows it with certainty. Of three wheels or more the median counts. Of two,
 the one counts that fits the other side's speed and the gyro; as long as that does not decide, their mean
-does, and its error grows with the time. Wheels that are coupled never disagree.
-
-The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+does, and its error grows with the time. Wheels that are coupled never disagree. Functions are plain
+Python, also for numba.
 """
 
 import math
@@ -44,15 +43,13 @@ class WheelsRecord(msgspec.Struct):
 
     since: Stamp = NEVER  # stamp from which on they disagree [ns], or NEVER
     newest: Stamp = NEVER  # stamp of the newest sample in which they did [ns], or NEVER
-    # stamp at which it was last certain which of them is right [ns], or NEVER
-    decided: Stamp = NEVER
+    decided: Stamp = NEVER  # stamp of the last certainty which is right [ns], or NEVER
     # index of the wheel that is not used, or `NO_WHEEL`
     odd: Annotated[int, msgspec.Meta(ge=NO_WHEEL)] = NO_WHEEL
     # distance of that wheel from the speed of the side, or else of the two speeds that are possible
     # from their mean [m/s]
     apart: Size = 0.0
-    # standard deviation of the side's speed, because it is not certain which is right [m/s]
-    doubt: Size = 0.0
+    doubt: Size = 0.0  # standard deviation of the side's speed by that uncertainty [m/s]
     way: Size = 0.0  # distance by which the wheels have disagreed [m]
     samples: Count = 0  # number of samples in which they did
     times: Count = 0  # number of times that they were found to disagree

@@ -11,13 +11,12 @@ alike. With noise, or an error that walks, they are not. Fixes that scatter far 
 with the measured variance.
 
 An error that wanders is worse than a white one of the same size, since all fixes of a minute share it.
-Then residuals resemble those before them: the sum of squares of their differences is less than twice
-that of their own (von Neumann, Distribution of the ratio of the mean square successive difference to the
+Then residuals resemble those before them: the sum of squares of their differences is less than twice that
+of their own (von Neumann, Distribution of the ratio of the mean square successive difference to the
 variance, Annals of Mathematical Statistics 12, 1941). How much less, of white errors and of a random
 walk, follows from the path. How long such an error lasts the residuals of some seconds do not show. It is
-taken for a minute, as of plain GPS: the fixes of that time count as one.
-
-The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+taken for a minute, as of plain GPS: the fixes of that time count as one. Functions are plain Python, also
+for numba.
 """
 
 import math
@@ -86,10 +85,8 @@ class ScatterRecord(msgspec.Struct):
     antenna_x: float = 0.0  # estimated place of the antenna after the newest fix [m]
     antenna_y: float = 0.0  # see above [m]
     turn: float = 0.0  # yaw of the estimate less that of the path [rad]
-    # (SIZE,) corrections of the state with the newest fixes; those of older ones are forgotten
-    moved: OfStates = zeros(s.SIZE)
-    # likeness of their errors to those that walk: 0 if they are white, 1 if they do
-    likeness: float = LIKENESS_AT_START
+    moved: OfStates = zeros(s.SIZE)  # (SIZE,) corrections of the state with the newest fixes
+    likeness: float = LIKENESS_AT_START  # of their errors: 0 if they are white, 1 if they walk
     variance: Size = 0.0  # variance with which a fix is used, 0 if the scatter is as stated [m²]
     used: Count = 0  # number of fixes that were used with it
     judged: Count = 0  # number of fixes whose innovations were counted, at most `MOST_AVERAGED`
@@ -129,8 +126,7 @@ class TakenFix(NamedTuple):
     variance: float  # variance that it states [m²]
     z: tuple[float, float]  # its innovation, x and y [m]
     S: tuple[float, float, float]  # covariance of the innovation, xx, xy and yy [m²]
-    # place of the antenna before the update, x and y, and yaw [m, m, rad]
-    predicted: tuple[float, float, float]
+    predicted: tuple[float, float, float]  # antenna x, y [m] and yaw [rad] before it
     updated: tuple[float, float, float]  # the same after the update
     used: bool  # True if it has updated the filter
 

@@ -5,8 +5,7 @@ turning of both. Slip in bends is a share of the turning; such a track is beyond
 of one jumped when the mismatch began, it is the one that spins. If none did, it is the one with less
 load: on a slope the upper one, in a fast bend the inner one. Until it grips again its speed is the one at
 which the tracks turn as the gyro does. A track sensor that fails looks the same, and is treated the same.
-
-The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+Functions are plain Python, also for numba.
 """
 
 import math
@@ -51,15 +50,13 @@ class SpinRecord(msgspec.Struct):
     rate: float = 0.0  # newest yaw rate by the gyro [rad/s]
     width: Size = 0.0  # effective track width that is used; 0 if it is not known [m]
     force: float = 0.0  # averaged specific force to the left [m/s²]; 0 without accelerometers
-    # newest difference of the track speeds that no slip in bends explains [m/s]
-    mismatch: float = 0.0
+    mismatch: float = 0.0  # difference of track speeds that no slip in bends explains [m/s]
     side: Side = UNKNOWN  # `LEFT` or `RIGHT`, the track that spins, or `UNKNOWN`
     jumped: Flag = 0  # 1 if that is the track whose speed jumped when the mismatch began
     since: Stamp = NEVER  # stamp at which the mismatch began [ns], or NEVER
     newest: Stamp = NEVER  # stamp of the newest mismatch [ns], or NEVER
     way: float = 0.0  # way of the mismatch since it began [m]
-    # 1 while there is a mismatch that began with a jump of the gyro: no track spins then
-    gyro_jumped: Flag = 0
+    gyro_jumped: Flag = 0  # 1 during a mismatch that began with a jump of the gyro: no spin
     times: Count = 0  # number of times that one was found
     stamp: Stamp = NEVER  # stamp of the newest sample of the gyro [ns], or NEVER
     turned: float = 0.0  # turning so far, with forgetting [rad]

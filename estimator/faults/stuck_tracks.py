@@ -3,9 +3,8 @@
 Many sensors repeat readings: those sampled less often than they are published, and those of coarse
 resolution at a steady speed. So repetition counts only if it lasts much longer than this track's earlier
 repetitions, and if the other track has read many different values meanwhile. If both tracks repeat
-themselves, it has to last for longer still: then a driver, or a bus, repeats its last message.
-
-The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+themselves, it has to last for longer still: then a driver, or a bus, repeats its last message. Functions
+are plain Python, also for numba.
 """
 
 from typing import Annotated

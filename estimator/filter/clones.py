@@ -59,8 +59,7 @@ class Clones(msgspec.Struct, frozen=True):
 
     stamps: tuple[int, ...]  # stamps of the marks [ns]
     poses: np.ndarray[Any, Any]  # (m, 3) poses of base_link in base_link at each mark
-    # (3m, SIZE) covariance of `poses` with the filter's state; two columns more if fixes wander
-    cross: np.ndarray[Any, Any]
+    cross: np.ndarray[Any, Any]  # (3m, n) covariance of `poses` with the filter's state
     covariance: np.ndarray[Any, Any]  # (3m, 3m) covariance of `poses`
 
     def __post_init__(self) -> None:

@@ -95,11 +95,6 @@ class Gate:
         degrees: number of components of the innovation.
         patience: time of rejections after which the next measurement is re-acquired [s].
         counts: its counts; None to start again.
-
-    Attributes:
-        threshold: threshold of the normalised innovation squared.
-        patience: see above.
-        counts: its counts.
     """
 
     def __init__(self, degrees: int, patience: float, counts: GateRecord | None = None) -> None:

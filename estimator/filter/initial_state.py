@@ -21,8 +21,7 @@ class Assumptions(NamedTuple):
 
     model: MotionModel  # a new motion model
     state: Floats  # (SIZE,) initial state, at the origin
-    # (SIZE,) its standard deviations; zero for the pose, and for states that are not estimated
-    sigmas: Floats
+    sigmas: Floats  # (SIZE,) its standard deviations; zero for pose and states not estimated
     disturbances: Disturbances  # the process noise
 
 

@@ -5,9 +5,7 @@ the next fix corrects the position for a moment only: the estimate drives away f
 the estimated path since then has the right shape. So it is aligned with the rejected fixes by the turn
 and the shift of least squares (closed form in the plane: Umeyama, Least-squares estimation of
 transformation parameters between two point patterns, IEEE Trans. PAMI 13, 1991). The result is used if
-the residuals agree with the variances of the fixes.
-
-The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+the residuals agree with the variances of the fixes. Functions are plain Python, also for numba.
 """
 
 import math

@@ -57,8 +57,7 @@ class Motion(NamedTuple):
 class TwistDerivatives(NamedTuple):
     """Total derivatives of (v_x, v_y, w), three rows each, as tuples or arrays."""
 
-    # (3, 9) by the parameters, in the order of `icreckon.estimator.robot.robot_file.Indices`
-    by_parameters: Any
+    by_parameters: Any  # (3, 9) by the parameters, in the order of `robot_file.Indices`
     by_speeds: Any  # (3, 2) by V_l and V_r
     by_slip: Any  # (3, 3) by r_x, r_y and r_w
     # (3, 2) by gravity along the ground, right and forward
@@ -186,7 +185,6 @@ class TwistModel(NamedTuple):
     """Body velocity at a state, with derivatives."""
 
     twist: Floats  # (3,) v_x, v_y [m/s], w [rad/s]
-    # (3, SIZE) its derivative by the state; that by the parameters is smoothed in time
-    jacobian: Floats
+    jacobian: Floats  # (3, SIZE) its derivative by the state, smoothed for parameters
     by_speeds: Floats  # (3, 2) its derivative by the speeds of the left and the right track
     motion: Motion  # the solved motion model, in the paper's axes

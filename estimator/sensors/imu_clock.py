@@ -26,8 +26,7 @@ class ClockRecord(msgspec.Struct):
     """Clock of the samples of one sensor."""
 
     stamp: Stamp = NEVER  # stamp of the newest sample [ns], or NEVER
-    # newest interval between samples that was not longer than `hold` [s]
-    interval: Interval = USUAL_INTERVAL
+    interval: Interval = USUAL_INTERVAL  # newest one not above `hold` [s]
 
 
 def take_stamp(clock: Clocked, stamp: int, hold: float) -> None:

@@ -2,8 +2,7 @@
 
 A robot turns about the normal of the ground. The gyros of an IMU that leans by small angles read a share
 of that turning as rates of roll and pitch: a regression by the yaw rate, with the biases as intercepts.
-
-The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+Functions are plain Python, also for numba.
 """
 
 from typing import NamedTuple

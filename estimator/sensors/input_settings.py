@@ -22,8 +22,7 @@ class InputSettings(NamedTuple):
     hold_ns: int  # `hold` in whole nanoseconds
     gap_acceleration: float  # random walk of speeds that are stale or stuck [m/s/√s]
     fastest: float  # highest speed of a track [m/s]
-    # density of the error of a track's speed, from the noise of its sensor [m²/s]
-    track_density: float
+    track_density: float  # error density of a track's speed by the noise of its sensor [m²/s]
     track_speed: float  # slower tracks are stopped [m/s]
     duration_ns: int  # duration of a standstill before it is detected [ns]
     quiet_gyro: float  # largest distance of quiet yaw-rate readings from their mean [rad/s]
@@ -32,8 +31,7 @@ class InputSettings(NamedTuple):
     gyro_range: float  # range of the gyro; 0 if unknown [rad/s]
     gyro_bias: float  # its bias at the start [rad/s]
     most_bias: float  # no bias is further from that [rad/s]
-    # change of the bias between standstills that needs no other explanation [rad/s]
-    usual_change: float
+    usual_change: float  # usual change of the bias between standstills [rad/s]
     gyro_noise_density: float  # noise density of the gyro in the robot file [rad/s/√Hz]
     accelerometer_noise_density: float  # that of the accelerometers [m/s²/√Hz]
     undetected_share: float  # slip of both tracks that nothing shows, as a share of their speed [-]

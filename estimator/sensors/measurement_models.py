@@ -79,14 +79,10 @@ class MeasurementModel:
     """Properties of a sensor that its updates depend on."""
 
     name: str  # name of the sensor in health, checkpoints and the order of streams
-    # names of the components of its innovation; their number is the gate's degrees of freedom
-    components: tuple[str, ...]
-    # states whose variance is inflated in re-acquisition, one for each component
-    inflated: tuple[int, ...]
-    # inflate each state by the joint square of the innovation, not by that of its own component
-    inflated_jointly: ClassVar[bool] = False
-    # states that updates do not move; the covariance takes that into account
-    fixed: tuple[int, ...] = ()
+    components: tuple[str, ...]  # names of the components of its innovation
+    inflated: tuple[int, ...]  # states inflated in re-acquisition, one for each component
+    inflated_jointly: ClassVar[bool] = False  # by the joint square of all components
+    fixed: tuple[int, ...] = ()  # states that updates do not move
     is_place: ClassVar[bool] = False  # the first two components are a position [m]
     # updates use the correlations of R. If not, only the gate does
     correlated: ClassVar[bool] = True
@@ -95,8 +91,7 @@ class MeasurementModel:
 class FixModel(MeasurementModel, Generic[M]):
     """Sensor that measures the pose or the twist, apart from tracks and IMU."""
 
-    # predicted quantity that `linearise` takes; the height is that of the newest step
-    predicts: ClassVar[Quantity]
+    predicts: ClassVar[Quantity]  # predicted quantity that `linearise` takes
     standing: ClassVar[bool] = False  # the robot stands while it is measured
 
     def linearise(self, measurement: M, predicted: Prediction) -> Linearised:

@@ -24,8 +24,7 @@ class Prediction(NamedTuple):
 
     values: Floats  # (n,) x, y [m], yaw [rad], or v_x, v_y [m/s], w [rad/s], or z [m]
     H: Floats  # (n, SIZE) Jacobian by the present state
-    # (n, n) covariance of the part that the state does not hold: the fast slip until then
-    R: Floats
+    R: Floats  # (n, n) covariance of the fast slip until then, which the state does not hold
 
 
 def pose_now(x: Floats) -> Prediction:

@@ -31,8 +31,7 @@ class HistoryCheckpoint(msgspec.Struct, frozen=True, rename={"checkpoint": "memo
 
     after: Key  # key of the last measurement before the history
     checkpoint: FilterCheckpoint  # checkpoint of the filter after it
-    # later measurements and marks in order; a row each, see `event_row`
-    measurements: tuple[tuple[Any, ...], ...]
+    measurements: tuple[tuple[Any, ...], ...]  # later ones in order, see `event_row`
 
 
 class KeyedCheckpoint(NamedTuple):

@@ -7,7 +7,6 @@ of the track speeds is watched while driving, and estimated where none is given.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import chain
 from typing import Any, NamedTuple
 
 import msgspec
@@ -91,21 +90,20 @@ class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         }
 
 
-class RatePart(NamedTuple):
-    """Samples of a rate: stamp of the first [ns], times since then [ns], and rates."""
+class RateSamples(NamedTuple):
+    """Successive samples of a rate."""
 
-    begin: int
-    times: list[float]
-    rates: list[float]
+    stamps: Stamps  # (n,) [ns]
+    rates: Floats  # (n,)
 
 
-def joined(parts: list[RatePart]) -> tuple[Stamps, Floats]:
-    """Join successive parts to stamps (n,) [ns] and rates (n,)."""
-    counts = [len(part.times) for part in parts]
-    begins = np.repeat(np.array([part.begin for part in parts], np.int64), counts)
-    times = np.array([*chain.from_iterable(part.times for part in parts)])
-    rates = np.array([*chain.from_iterable(part.rates for part in parts)])
-    return begins + times.astype(np.int64), rates
+NO_SAMPLES = RateSamples(np.zeros(0, np.int64), np.zeros(0))
+
+
+def joined(parts: list[RateSamples]) -> RateSamples:
+    """Join successive samples; none if there are no parts."""
+    stamps, rates = zip(NO_SAMPLES, *parts, strict=True)
+    return RateSamples(np.concatenate(stamps), np.concatenate(rates))
 
 
 class StampCorrection:
@@ -126,7 +124,7 @@ class StampCorrection:
         self.latencies, self.estimated = latencies, estimated
         # Samples that the estimator has not taken yet, of the difference of the track speeds and of the
         # yaw rate, and their number.
-        self._track_parts, self._gyro_parts = list[RatePart](), list[RatePart]()
+        self._track_parts, self._gyro_parts = list[RateSamples](), list[RateSamples]()
         self._waiting_samples = 0
         self._estimator = track_latency.TrackLatencyEstimator()
         if memory is not None:
@@ -158,10 +156,11 @@ class StampCorrection:
             if not count:
                 continue
             begin = int(samples.begin) + added_ns
-            if parts and begin < parts[-1].begin - track_latency.LARGEST_HOLE:
+            if parts and begin < parts[-1].stamps[0] - track_latency.LARGEST_HOLE:
                 # The clock was set back.
                 self._flush()
-            parts.append(RatePart(begin, samples.times[:count], samples.rates[:count]))
+            stamps = begin + np.array(samples.times[:count]).astype(np.int64)
+            parts.append(RateSamples(stamps, np.array(samples.rates[:count])))
             self._waiting_samples += count
         if self._waiting_samples >= SAMPLES_AT_ONCE:
             self._use_estimate()

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -114,19 +114,18 @@ def work_through(
     return finished
 
 
+@dataclass
 class _Feeding:
     """Run in progress, with the arguments of `work_through`, and its rows so far."""
 
-    def __init__(
-        self,
-        log: Log,
-        estimator: PoseEstimator,
-        progress: Callable[[int], None] | None,
-        at_row: Callable[[], None] | None,
-    ) -> None:
-        self._log, self._estimator, self._progress, self._at_row = log, estimator, progress, at_row
-        self._rows = Rows(len(log.tracks.stamps))
-        self._fed_count = 0
+    log: Log
+    estimator: PoseEstimator
+    progress: Callable[[int], None] | None
+    at_row: Callable[[], None] | None
+    fed_count: int = 0
+
+    def __post_init__(self) -> None:
+        self.rows = Rows(len(self.log.tracks.stamps))
 
     def finished(self) -> Run:
         """Run of all measurements, with a row for the newest track speeds."""
@@ -135,44 +134,44 @@ class _Feeding:
 
     def _run_of_filled_rows(self) -> Run:
         """Run of the rows that are filled."""
-        estimator, rows = self._estimator, self._rows
+        estimator, rows = self.estimator, self.rows
         names, count = state_names(estimator.variant), int(rows.arrays.progress[COUNT])
         return rows.finish(count, estimator.variant.name, names, estimator.health)
 
     def _write_row_if_due(self, stamp: int | None) -> None:
         """Write a row if one is due before a measurement at a stamp [ns], or at the end."""
-        rows, estimator = self._rows, self._estimator
+        rows, estimator = self.rows, self.estimator
         progress = rows.arrays.progress
         is_later = stamp is None or stamp > progress[NEWEST]
         if progress[DUE] and is_later and estimator.stamp != progress[WRITTEN]:
             rows.innovations.put(int(progress[COUNT]), estimator.newest_judged())
             estimator.write_row(rows.arrays)
-            if self._at_row is not None:
-                self._at_row()
+            if self.at_row is not None:
+                self.at_row()
 
     def feed_each(self, measurements: Iterable[Measurement]) -> None:
         """Feed measurements one by one; an exception of the code raises `LostFilter`."""
-        progress = self._rows.arrays.progress
+        progress = self.rows.arrays.progress
         for measurement in measurements:
             stamp = measurement.stamp
             try:
                 self._write_row_if_due(stamp)
                 progress[NEWEST] = stamp
-                used = self._estimator.feed(measurement)
+                used = self.estimator.feed(measurement)
             except IcreckonError:
                 raise
             except Exception as problem:
                 so_far = self._run_of_filled_rows()
-                raise stopped_by(problem, so_far, self._log.start, stamp) from problem
+                raise stopped_by(problem, so_far, self.log.start, stamp) from problem
             if used and isinstance(measurement, TrackSpeeds):
                 progress[DUE] = 1
-            self._fed_count += 1
-            if self._progress is not None and self._fed_count % PROGRESS_EVERY == 0:
-                self._progress(stamp)
+            self.fed_count += 1
+            if self.progress is not None and self.fed_count % PROGRESS_EVERY == 0:
+                self.progress(stamp)
 
     def feed_arrays(self, samples: SampleArrays) -> None:
         """Feed track and IMU samples as arrays, between the log's other measurements."""
-        log = self._log
+        log = self.log
         samples_alone = replace(log, fixes=None, others=(), truth=None)
         no_tracks = TrackSpeedSeries(NO_STAMPS, np.zeros((0, 2)))
         others = replace(log, tracks=no_tracks, imu=None, truth=None)
@@ -192,15 +191,15 @@ class _Feeding:
 
     def _feed_part(self, samples: SampleArrays) -> SampleArrays:
         """Feed samples up to one that needs more than a step; return those that are left."""
-        rows, estimator = self._rows, self._estimator
+        rows, estimator = self.rows, self.estimator
         progress, judged = rows.arrays.progress, estimator.newest_judged()
         first_row = int(progress[COUNT])
         tracks, imu, _ = estimator.feed_samples(samples, rows.arrays)
         if progress[COUNT] > first_row:
             # Innovations of fixes before these samples belong to the first row since.
             rows.innovations.put(first_row, judged)
-        if self._progress is not None and tracks + imu:
-            self._progress(int(progress[NEWEST]))
+        if self.progress is not None and tracks + imu:
+            self.progress(int(progress[NEWEST]))
         return samples.after(tracks, imu)
 
 

@@ -72,10 +72,8 @@ class SavedEstimator(Bounded, frozen=True):
     witnesses: dict[str, tuple[Count, int]]  # see `icreckon.estimator.log.input_checks.Admission`
     latencies: Latencies = Latencies()  # latencies of the stamps
     estimated_latency: Latency = 0.0  # part of the track speeds' latency that was estimated [s]
-    # rows of measurements that were too old, see `Admission`
-    behind: tuple[tuple[Any, ...], ...] = ()
-    # watch over the track speeds' latency; None to start it again
-    watch: TrackLatencyMemory | None = None
+    behind: tuple[tuple[Any, ...], ...] = ()  # too old ones, see `Admission`
+    watch: TrackLatencyMemory | None = None  # of the track speeds' latency, if any
 
     def require_fit(
         self, robot: Robot, variant: str | None, source: str, *, to_continue: bool
