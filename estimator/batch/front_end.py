@@ -192,8 +192,8 @@ def fill_fix(
     has_heading: bool,
 ) -> None:
     """Compute the inputs of the fix of one lane, at a speed of the robot [m/s]."""
-    for part in range(FIX_VALUES):
-        step_inputs[ROW_FIX + part, lane] = measured.fixes[lane, fix, part]
+    for k in range(FIX_VALUES):
+        step_inputs[ROW_FIX + k, lane] = measured.fixes[lane, fix, k]
     is_new = add_fixes(lanes.records[lane].positions, lane, lanes, measured, fix, speed)
     step_inputs[ROW_FIX + FIX_VALUES, lane] = GATED if is_new else SKIPPED
     interval = counted_interval(measured.fix_stamps, fix, lanes.judged[lane])

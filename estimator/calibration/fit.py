@@ -196,7 +196,7 @@ def _search(
         is_noise_settled = number >= NOISE_ROUNDS
         noise = refined(noise, residuals, components_too=not is_noise_settled)
         blocks = information(noise, residuals, jacobian, problem.recording.block)
-        fisher, score = (part.sum(axis=0) for part in blocks)
+        fisher, score = (of_blocks.sum(axis=0) for of_blocks in blocks)
         scaled = _scaled(fisher, places, _thresholds(problem)) + ridge * np.eye(len(places))
         slope = unit * score[places] + ridge * (values - search.start)[places] / unit
         step = search.step(values, scaled, slope)

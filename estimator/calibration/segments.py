@@ -100,8 +100,10 @@ class Recording:
     def ground_forces(self) -> Floats:
         """Forces (n, m, 2) at middles of cells: S over mass [m/s²], P [-]; first zero."""
         middles = 0.5 * (self.edges[:, 1:] + self.edges[:, :-1])
-        forces = [motion.forces for motion in self.motions]
-        series = [one and (one.times, np.column_stack([one.lateral, one.along])) for one in forces]
+        series: list[Series | None] = []
+        for forces in (motion.forces for motion in self.motions):
+            rows = forces and np.column_stack([forces.lateral, forces.along])
+            series.append(forces and (forces.times, rows))
         return self._interpolate(middles, series)
 
     def mean_force(self, marks: Indexes) -> Floats:

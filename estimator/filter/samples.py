@@ -45,12 +45,12 @@ class SampleArrays(NamedTuple):
             for stamps in (self.track_stamps, self.imu_stamps)
         )
         # The first four fields are of the track speeds, the others of the IMU.
-        up_to: Any = (*(part[:tracks] for part in self[:4]), *(part[:imu] for part in self[4:]))
+        up_to: Any = [*(array[:tracks] for array in self[:4]), *(array[:imu] for array in self[4:])]
         return SampleArrays(*up_to), self.after(tracks, imu)
 
     def after(self, tracks: int, imu: int) -> SampleArrays:
         """Samples after the first `tracks` track speeds and the first `imu` IMU samples."""
-        rest: Any = (*(part[tracks:] for part in self[:4]), *(part[imu:] for part in self[4:]))
+        rest: Any = [*(array[tracks:] for array in self[:4]), *(array[imu:] for array in self[4:])]
         return SampleArrays(*rest)
 
 

@@ -128,7 +128,8 @@ def gauss_markov(dt: float, tau: float) -> GaussMarkov:
         integral = coefficient + short * integral
     is_short = ratio < SHORT
     mean = select(is_short, faded, lost / long)
+    by_series = short * short * short * integral
     exact = 2.0 * (long - 2.0 * lost) + lost * (2.0 - lost)
-    integral = select(is_short, short * short * short * integral, exact)
+    integral = select(is_short, by_series, exact)
     lost = mean * ratio
     return GaussMarkov(decay, mean, tau * tau * integral, tau * lost * lost, lost * (1.0 + decay))

@@ -65,7 +65,7 @@ class RateMemory(msgspec.Struct, frozen=True):
     def __post_init__(self) -> None:
         if len(self.rates) != len(self.stamps):
             raise ValueError("samples of a rate need a stamp each")
-        steps = [other - one for one, other in pairwise(self.stamps)]
+        steps = [later - earlier for earlier, later in pairwise(self.stamps)]
         if steps and not 0 < min(steps) <= max(steps) <= LARGEST_HOLE:
             raise ValueError("the stamps of a rate must rise, without holes")
 
