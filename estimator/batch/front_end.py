@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Indexes, Stamps
 from icreckon.estimator.base.errors import WRONG_SIZE, BatchError
 from icreckon.estimator.base.records import record_array
 from icreckon.estimator.engine.lane_functions import move_inputs, sample_inputs
@@ -77,9 +76,9 @@ class LaneRecords(NamedTuple):
     records: Any  # (lanes,) `FilterRecord` of each, of which the inputs are used
     quiet_stamps: Stamps  # (lanes, n) buffers of the stamps of yaw-rate readings [ns]
     quiet_rates: Floats  # (lanes, n) buffers of the readings [rad/s]
-    fixes: NDArray[np.int64]  # (lanes,) number of fixes so far
+    fixes: Indexes  # (lanes,) number of fixes so far
     # (lanes,) index of the newest fix that does not repeat a position; -1 for none
-    judged: NDArray[np.int64]
+    judged: Indexes
 
 
 class FrontEnd:

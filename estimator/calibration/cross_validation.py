@@ -10,9 +10,8 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import Flags, Floats, Indexes
 from icreckon.estimator.calibration.fit import Fit, few_blocks
 from icreckon.estimator.calibration.noise import log_density
 from icreckon.estimator.calibration.result import Difference, ModelComparison, ModelScore
@@ -38,7 +37,7 @@ class _Blocks(NamedTuple):
 
     distances: Floats  # (blocks,) distance of the windows in each block [m]
     segments: int  # number of moving segments in all blocks
-    drawn: NDArray[np.int64]  # (DRAWS, blocks) blocks of each draw, with replacement
+    drawn: Indexes  # (DRAWS, blocks) blocks of each draw, with replacement
 
     def drift(self, errors: Floats) -> tuple[float, float, float]:
         """Drift [%] of errors (blocks,) [m] or of their difference, and its 95 % interval."""
@@ -117,7 +116,7 @@ def likeliest(comparison: ModelComparison) -> str:
     return max(comparison.scores, key=lambda score: score.log_likelihood).model
 
 
-def _jumped(fit: Fit) -> NDArray[np.bool_]:
+def _jumped(fit: Fit) -> Flags:
     """Mask (n,) of segments whose truth jumped by its turning, which needs no model."""
     result = np.zeros(len(fit.problem.recording.log), dtype=bool)
     for channel, weight in zip(fit.noise.channels, fit.noise.weights, strict=True):
@@ -126,7 +125,7 @@ def _jumped(fit: Fit) -> NDArray[np.bool_]:
     return result
 
 
-def _windows(recording: Recording, usable: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+def _windows(recording: Recording, usable: Flags) -> list[Indexes]:
     """Consecutive runs of up to `WINDOW` usable segments (mask (n,)) within a block."""
     windows: list[list[int]] = []
     for segment in range(len(recording.log)):
@@ -141,9 +140,7 @@ def _windows(recording: Recording, usable: NDArray[np.bool_]) -> list[NDArray[np
     return [np.array(window) for window in windows]
 
 
-def _held_out(
-    fit: Fit, windows: list[NDArray[np.int64]], window_blocks: NDArray[np.int64]
-) -> HeldOutSums:
+def _held_out(fit: Fit, windows: list[Indexes], window_blocks: Indexes) -> HeldOutSums:
     """Sums of a model over each block, with parameters estimated without its fold."""
     problem = fit.problem
     block = problem.recording.block
@@ -168,9 +165,7 @@ def _held_out(
     return sums
 
 
-def _window_errors(
-    fit: Fit, values: Floats, windows: list[NDArray[np.int64]]
-) -> tuple[Floats, Floats]:
+def _window_errors(fit: Fit, values: Floats, windows: list[Indexes]) -> tuple[Floats, Floats]:
     """Errors (w,) of the ends of windows: headings by tracks alone, by the gyro [m]."""
     problem, recording = fit.problem, fit.problem.recording
     twist, cell = problem.twist(values), recording.cell

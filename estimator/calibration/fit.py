@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import Flags, Floats
 from icreckon.estimator.base.lag_search import jackknife_sigma
 from icreckon.estimator.calibration import noise as noise_model
 from icreckon.estimator.calibration.noise import Noise, information, refined
@@ -39,8 +39,8 @@ class Fit:
 
     problem: Problem  # the problem that was fitted
     values: Floats  # (p,) estimates; held parameters are at their start
-    free: NDArray[np.bool_]  # (p,) mask of parameters that are not held
-    shown: NDArray[np.bool_]  # (p,) mask of parameters that the logs determine with all free
+    free: Flags  # (p,) mask of parameters that are not held
+    shown: Flags  # (p,) mask of parameters that the logs determine with all free
     sigmas: Floats  # (p,) standard errors; infinite for held parameters
     covariance: Floats  # (p, p) of the free parameters by the likelihood; zero elsewhere
     noise: Noise  # noise of the residuals
@@ -100,7 +100,7 @@ class Fit:
             values[place] = self.problem.start[place]
         return replace(self, values=values)
 
-    def without(self, blocks: NDArray[np.bool_]) -> Floats:
+    def without(self, blocks: Flags) -> Floats:
         """Estimates (p,) without the blocks of a mask (blocks,), by one Gauss-Newton step."""
         free, threshold = np.flatnonzero(self.free), _thresholds(self.problem)
         scaled = _scaled(self.fisher[~blocks].sum(axis=0), free, threshold)
@@ -173,12 +173,7 @@ def _linearised(
 
 
 def _search(
-    problem: Problem,
-    values: Floats,
-    free: NDArray[np.bool_],
-    *,
-    loose: bool,
-    noise: Noise | None = None,
+    problem: Problem, values: Floats, free: Flags, *, loose: bool, noise: Noise | None = None
 ) -> tuple[Floats, Noise]:
     """Search values (p,) of `free` ones and noise by Gauss-Newton steps.
 
@@ -276,7 +271,7 @@ def _scaled(fisher: Floats, places: NDArray[np.intp], threshold: Floats) -> Floa
     return np.asarray(fisher[np.ix_(places, places)] * scales)
 
 
-def _sigmas(fisher: Floats, free: NDArray[np.bool_], threshold: Floats) -> Floats:
+def _sigmas(fisher: Floats, free: Flags, threshold: Floats) -> Floats:
     """Standard errors (p,) by the likelihood; infinite if held, huge if unobservable."""
     result, places = np.full(len(threshold), np.inf), np.flatnonzero(free)
     values, vectors = np.linalg.eigh(_scaled(fisher, places, threshold))

@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import Flags, Floats, Indexes
 from icreckon.estimator.calibration.residuals import ACROSS, ALONG, BINS, FORCE, SLIP, YAW, Problem
 
 FREEDOM = 5.0  # degrees of freedom of Student's t
@@ -25,7 +24,7 @@ class Channel:
     """Rows with a common covariance: a sum of matrices times squared components."""
 
     name: str  # "position", "slip", "yaw", "forward force" or "left force"
-    rows: NDArray[np.int64]  # (r, 2) segment and row of each
+    rows: Indexes  # (r, 2) segment and row of each
     bands: Floats  # (c, b, r) matrix of each component, lower bands as in scipy.linalg
 
     def covariance(self, components: Floats) -> Floats:
@@ -84,11 +83,7 @@ def channels_of(problem: Problem, heading: Floats) -> tuple[Channel, ...]:
 
 
 def _position_channel(
-    follows: NDArray[np.bool_],
-    segments: NDArray[np.int64],
-    heading: Floats,
-    turning: Floats,
-    driving: Floats,
+    follows: Flags, segments: Indexes, heading: Floats, turning: Floats, driving: Floats
 ) -> Channel:
     """Channel of the rows along and across of each segment (s,), which alternate.
 
@@ -109,7 +104,7 @@ def _position_channel(
     return Channel("position", _rows(segments, [ALONG, ACROSS]), bands)
 
 
-def _rows(segments: NDArray[np.int64], rows: Sequence[int]) -> NDArray[np.int64]:
+def _rows(segments: Indexes, rows: Sequence[int]) -> Indexes:
     """Pairs (r, 2) of each segment and each of some rows."""
     return np.stack([np.repeat(segments, len(rows)), np.tile(rows, len(segments))], axis=-1)
 
@@ -158,7 +153,7 @@ def log_density(residuals: Floats, variances: Floats) -> Floats:
 
 
 def information(
-    noise: Noise, residuals: Floats, jacobian: Floats, block: NDArray[np.int64]
+    noise: Noise, residuals: Floats, jacobian: Floats, block: Indexes
 ) -> tuple[Floats, Floats]:
     """Information (blocks, p, p) and score (blocks, p), so that both add up.
 
@@ -235,6 +230,6 @@ def _most_likely(channel: Channel, start: Floats, residuals: Floats) -> Floats:
     return np.exp(best.x if best.fun < negative_log_likelihood(logs) else logs)
 
 
-def _linked(follows: NDArray[np.bool_], segments: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _linked(follows: Flags, segments: Indexes) -> Flags:
     """Mask (s - 1,) of segments (s,) that begin at the end of the one listed before."""
     return np.asarray((np.diff(segments) == 1) & follows[segments[1:]])

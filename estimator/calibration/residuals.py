@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import Flags, Floats, Indexes
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.calibration.models import THRESHOLD, Model, Parameter
 from icreckon.estimator.calibration.segments import Recording
@@ -213,7 +213,7 @@ class Problem:
         return np.concatenate([force_x, force_y], axis=1)
 
     @property
-    def _marks(self) -> NDArray[np.int64]:
+    def _marks(self) -> Indexes:
         """Indices (BINS + 1,) of the cells in whose middles the parts of a segment end."""
         cells = self.recording.edges.shape[1] - 1
         return np.round(np.linspace(0, cells - 1, BINS + 1)).astype(np.int64)
@@ -231,7 +231,7 @@ class Problem:
         """Values (n,) of a parameter of each log, for each segment."""
         return np.asarray(self._by_log(values, name)[self.recording.log])
 
-    def counted_rows(self) -> NDArray[np.bool_]:
+    def counted_rows(self) -> Flags:
         """Mask (n, ROWS) of rows that count: at standstill only those of the gyro's bias."""
         recording = self.recording
         result = np.repeat(recording.moving[:, None], ROWS, axis=1)
@@ -249,7 +249,7 @@ def middle_of(heading: Floats) -> Floats:
 
 
 def _mean_accelerations(
-    rate: Floats, forward: Floats, left: Floats, marks: NDArray[np.int64], cell: float
+    rate: Floats, forward: Floats, left: Floats, marks: Indexes, cell: float
 ) -> tuple[Floats, Floats]:
     """Mean accelerations (n, b, c) forward, left between marked cells (b + 1,) [m/s²].
 

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Indexes, Stamps
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import relative
 from icreckon.estimator.calibration.ground_forces import GroundForces
@@ -22,8 +21,6 @@ from icreckon.estimator.log.series import ImuSeries, PoseSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 
-Indexes = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 Series = tuple[Floats, Floats]  # times (t,) [s] and values (t, k)
 
 CELL = 0.05  # approximate length of a cell [s]
@@ -74,8 +71,8 @@ class Recording:
     log: Indexes  # (n,) index of each segment's log
     edges: Floats  # (n, m + 1) ends of its cells [s since the log's start]
     turned: Floats  # (n, m + 1) integral of the gyro at these ends [rad]
-    moving: Mask  # (n,) True if the robot moves throughout the segment
-    follows: Mask  # (n,) True if it begins at the end of the previous one
+    moving: Flags  # (n,) True if the robot moves throughout the segment
+    follows: Flags  # (n,) True if it begins at the end of the previous one
     block: Indexes  # (n,) index of its block; blocks are contiguous
     starts: Indexes  # (n,) knot at which it begins
     ends: Indexes  # (n,) knot at which it ends
@@ -100,10 +97,11 @@ class Recording:
     def ground_forces(self) -> Floats:
         """Forces (n, m, 2) at middles of cells: S over mass [m/s²], P [-]; first zero."""
         middles = 0.5 * (self.edges[:, 1:] + self.edges[:, :-1])
-        series: list[Series | None] = []
-        for forces in (motion.forces for motion in self.motions):
-            rows = forces and np.column_stack([forces.lateral, forces.along])
-            series.append(forces and (forces.times, rows))
+        series: list[Series | None] = [None] * len(self.motions)
+        for log, motion in enumerate(self.motions):
+            if motion.forces is not None:
+                times, lateral, along = motion.forces
+                series[log] = times, np.column_stack([lateral, along])
         return self._interpolate(middles, series)
 
     def mean_force(self, marks: Indexes) -> Floats:
@@ -252,12 +250,7 @@ def _seconds(stamps: Stamps, start: int) -> Floats:
 
 
 def record(
-    motions: Sequence[Motion],
-    robot: Robot,
-    length: float,
-    *,
-    scale: float = 1.0,
-    difference: float = 0.0,
+    motions: Sequence[Motion], robot: Robot, length: float, *, difference: float, scale: float = 1.0
 ) -> Recording:
     """Cut logs into segments of equal length, one after another between gaps.
 
@@ -265,8 +258,8 @@ def record(
         motions: the series of each log, with the lag to use.
         robot: robot model of the path along which truth is carried over to knots.
         length: length of a segment [s].
-        scale: scale of the track speeds, for that path [-].
         difference: scale of the right track less that of the left, for that path [-].
+        scale: scale of the track speeds, for that path [-].
 
     Raises:
         EstimatorError: too few segments that move, or too little turning.
@@ -316,7 +309,7 @@ def record(
     )
 
 
-def _segments(motions: Sequence[Motion], length: float) -> tuple[Indexes, Floats, Mask]:
+def _segments(motions: Sequence[Motion], length: float) -> tuple[Indexes, Floats, Flags]:
     """Log, begin [s] and `Recording.follows` (n,) of segments of a length [s]."""
     logs, begins, follows = [], [], []
     for number, motion in enumerate(motions):
@@ -330,7 +323,9 @@ def _segments(motions: Sequence[Motion], length: float) -> tuple[Indexes, Floats
     return np.concatenate(logs), np.concatenate(begins), np.concatenate(follows)
 
 
-def _require_motion(motions: Sequence[Motion], length: float, turned: Floats, moving: Mask) -> None:
+def _require_motion(
+    motions: Sequence[Motion], length: float, turned: Floats, moving: Flags
+) -> None:
     """Reject too few moving segments, and too little turning by the gyro (n, m + 1)."""
     moved = int(moving.sum())
     if moved < LEAST_SEGMENTS:
@@ -353,7 +348,7 @@ def _too_short(motions: Sequence[Motion], found: int, length: float) -> Estimato
     )
 
 
-def _blocks(log: Indexes, moving: Mask) -> Indexes:
+def _blocks(log: Indexes, moving: Flags) -> Indexes:
     """Block (n,) of each segment; each has about as many moving segments.
 
     A block is contiguous and of one log. One of less than half the size joins the block before it.
@@ -440,7 +435,7 @@ def _integrated_force(imu: ImuSeries, times: Floats, robot: Robot) -> Floats | N
     readings = imu.linear_acceleration
     if readings is None:
         return None
-    finite: Mask = np.asarray(np.isfinite(readings).all(axis=1))
+    finite: Flags = np.asarray(np.isfinite(readings).all(axis=1))
     if finite.sum() < LEAST_FINITE * len(finite):
         return None
     levelled = readings[finite] @ robot.imu_rotation[:2].T

@@ -195,7 +195,7 @@ def take_side(
     possible: SideSpeeds,
     wheels: Wheels,
     speed: float,
-    is_decided: bool,
+    certain: bool,
 ) -> None:
     """Add a sample with the chosen `speed` of one side; agreement resets its record."""
     if possible.agrees:
@@ -213,7 +213,7 @@ def take_side(
     side.way += range_of(wheels) * interval
     side.times += are_found(side) and not was_found
     side.doubt = half = 0.5 * (possible.high - possible.low)
-    if is_decided:
+    if certain:
         side.doubt, side.decided = 0.0, stamp
     elif not 0 <= side.odd < len(wheels):
         side.apart = half

@@ -97,19 +97,14 @@ def take_track_sample(
 
 
 def sides_of(
-    record: FilterRecord,
-    stamp: int,
-    speeds: Wheels,
-    left_wheels: Wheels,
-    right_wheels: Wheels,
-    keeps: bool,
+    record: FilterRecord, stamp: int, speeds: Wheels, left: Wheels, right: Wheels, keeps: bool
 ) -> tuple[float, float]:
-    """Speeds of both sides by those of the wheels, see `take_wheels` [m/s]."""
+    """Speeds of both sides by those of their wheels, see `take_wheels` [m/s]."""
     means = (speeds[0], speeds[1])
-    if len(left_wheels) + len(right_wheels) == 0:
+    if len(left) + len(right) == 0:
         return means
     held, fastest = record.tracks, record.settings.fastest
-    sides, wheels = (held.left_wheels, held.right_wheels), (left_wheels, right_wheels)
+    sides, wheels = (held.left_wheels, held.right_wheels), (left, right)
     return take_wheels(*sides, held.spin, stamp, means, *wheels, fastest, keeps)
 
 

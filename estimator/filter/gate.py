@@ -15,6 +15,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, Count, Size, Stamp, zeros
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED, Judged, SensorHealth
+from icreckon.estimator.log.measurements import Vector3
 from icreckon.estimator.robot.settings import GateSettings
 
 # Quantiles of the chi-square distribution at a right-tail probability of 1e-4, by degrees of freedom
@@ -116,12 +117,7 @@ class Gate:
         return verdict
 
     def count(
-        self,
-        stamp: int,
-        verdict: int,
-        z: tuple[float, float],
-        S: tuple[float, float, float],
-        interval: float,
+        self, stamp: int, verdict: int, z: tuple[float, float], S: Vector3, interval: float
     ) -> None:
         """Count the verdict on a position fix at a stamp [ns].
 

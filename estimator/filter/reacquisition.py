@@ -15,6 +15,7 @@ import msgspec
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.records import zeros
+from icreckon.estimator.log.measurements import Vector3
 
 FEWEST, MOST = 5, 64  # least number of rejected fixes, and most that are kept
 # Largest standard deviation of the turn [rad], and least turn, in such standard deviations; otherwise a
@@ -38,10 +39,7 @@ class RejectedRecord(msgspec.Struct):
 
 
 def add_rejected(
-    rejected: RejectedRecord,
-    fix: tuple[float, float, float],
-    predicted: tuple[float, float, float],
-    wandered: float,
+    rejected: RejectedRecord, fix: Vector3, predicted: Vector3, wandered: float
 ) -> None:
     """Add a position fix: x, y [m], variance [m²]; the oldest of `MOST` is dropped.
 

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Indexes, Stamps
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.gather import gathered
 from icreckon.estimator.log.measurements import (
@@ -38,7 +38,7 @@ from icreckon.estimator.log.series import (
 
 AT_A_TIME = 8192  # number of measurements of a log that are made at once
 
-_Maker = Callable[[NDArray[np.int64]], list[Measurement]]
+_Maker = Callable[[Indexes], list[Measurement]]
 """Function from indices into a stream to its measurements, in that order."""
 _Series = TypeVar("_Series", TrackSpeedSeries, ImuSeries, PoseSeries, TwistSeries, FixSeries)
 
@@ -214,7 +214,7 @@ class Log:
 
 def screen(
     stream: str, stamps: ArrayLike, *values: ArrayLike, positive: ArrayLike | None = None
-) -> tuple[NDArray[np.bool_], dict[str, int]]:
+) -> tuple[Flags, dict[str, int]]:
     """Screen a stream: mask of valid samples, and counts of dropped ones by reason.
 
     A sample is dropped if a value is NaN or infinite, if a variance is not positive, or if its stamp is
@@ -237,7 +237,7 @@ def screen(
     if count == 0:
         return keep, reasons
 
-    def drop(is_bad: NDArray[np.bool_], reason: str) -> None:
+    def drop(is_bad: Flags, reason: str) -> None:
         newly_bad = is_bad & keep
         if newly_bad.any():
             key = f"{stream}: {reason}"
@@ -263,7 +263,7 @@ def screen(
     return keep, reasons
 
 
-def _longest_rising(stamps: Stamps, allowed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _longest_rising(stamps: Stamps, allowed: Flags) -> Flags:
     """Mask (n,) of the longest strictly rising sequence of allowed stamps."""
     chosen = np.zeros(len(stamps), dtype=bool)
     candidates = np.flatnonzero(allowed)
@@ -290,14 +290,14 @@ def _longest_rising(stamps: Stamps, allowed: NDArray[np.bool_]) -> NDArray[np.bo
     return chosen
 
 
-def _track_speeds(tracks: TrackSpeedSeries, rows: NDArray[np.int64]) -> list[Measurement]:
+def _track_speeds(tracks: TrackSpeedSeries, rows: Indexes) -> list[Measurement]:
     columns = [tracks.stamps[rows].tolist(), *tracks.speeds[rows].T.tolist()]
     both_sides = (tracks.left_wheels, tracks.right_wheels)
     columns += [list(map(tuple, side[rows].tolist())) for side in both_sides if side is not None]
     return [TrackSpeeds(*row) for row in zip(*columns, strict=True)]
 
 
-def _imu_samples(imu: ImuSeries, rows: NDArray[np.int64]) -> list[Measurement]:
+def _imu_samples(imu: ImuSeries, rows: Indexes) -> list[Measurement]:
     rates = [tuple(row) for row in imu.angular_velocity[rows].tolist()]
     forces: list[Any] = [None] * len(rates)
     if imu.linear_acceleration is not None:
@@ -308,12 +308,12 @@ def _imu_samples(imu: ImuSeries, rows: NDArray[np.int64]) -> list[Measurement]:
     return [ImuSample(*row) for row in zip(imu.stamps[rows].tolist(), rates, forces, strict=True)]
 
 
-def _positions(fixes: FixSeries, rows: NDArray[np.int64]) -> list[Measurement]:
+def _positions(fixes: FixSeries, rows: Indexes) -> list[Measurement]:
     place, variances = fixes.poses[rows, :2].T, fixes.variances[rows, 0]
     return _each_row(PositionFix, fixes.stamps[rows], *place, variances, *fixes.lever_arms[rows].T)
 
 
-def _headings(fixes: FixSeries, rows: NDArray[np.int64]) -> list[Measurement]:
+def _headings(fixes: FixSeries, rows: Indexes) -> list[Measurement]:
     yaw, variances = fixes.poses[rows, 2], fixes.variances[rows, 1]
     return _each_row(HeadingFix, fixes.stamps[rows], yaw, variances)
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Stamps
 from icreckon.estimator.log.scores import interpolate, interpolate_poses
 from icreckon.estimator.log.series import PoseSeries, Truth, running_integral
 
@@ -144,7 +144,7 @@ def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | Non
     )
 
 
-def _turns(z: NDArray[Any], r: NDArray[Any]) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+def _turns(z: NDArray[Any], r: NDArray[Any]) -> tuple[Floats, Floats, Floats, Flags]:
     """Turns (n,) that align the path around each position with the positions there.
 
     Positions z (n,) and places r (n,) of the path at their stamps are complex numbers [m]. Also returns

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Indexes, Stamps
 from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
@@ -29,7 +29,6 @@ LEAST_EIGENVALUE = 1e-12  # a covariance with a smaller eigenvalue counts as sin
 
 Interval = tuple[int, int]
 Unit = Literal["s", "m"]
-Places = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class Drift:
     distances: Floats
 
     @property
-    def moved(self) -> NDArray[np.bool_]:
+    def moved(self) -> Flags:
         """Mask (n,) of segments with enough motion for a meaningful ratio."""
         return self.distances > SLOWEST_MEAN_SPEED * self.horizon
 
@@ -157,7 +156,7 @@ def shared_stamps(estimate: PoseSeries | Trajectory, truth: PoseSeries) -> Stamp
     return np.asarray(truth.stamps[inside])
 
 
-def segment_starts(stamps: Stamps) -> Places:
+def segment_starts(stamps: Stamps) -> Indexes:
     """Indices (n,) of stamps (m,) [ns] at which segments start; one after each gap."""
     begins = even_grid(stamps[0], stamps[-1], int(SEGMENT_STEP / NANOSECOND), stamps)
     return np.asarray(np.unique(np.searchsorted(stamps, begins)))
@@ -165,12 +164,12 @@ def segment_starts(stamps: Stamps) -> Places:
 
 def usable_segments(
     stamps: Stamps,
-    first: Places,
-    last: Places,
+    first: Indexes,
+    last: Indexes,
     *,
     within: list[Interval] | None,
     largest_gap: float,
-) -> tuple[Places, Places]:
+) -> tuple[Indexes, Indexes]:
     """Starts and ends (k,) of complete segments within an interval, without a gap.
 
     Args:
@@ -191,7 +190,7 @@ def usable_segments(
 
 
 def segment_errors(
-    estimated: Floats, true: Floats, first: Places, last: Places
+    estimated: Floats, true: Floats, first: Indexes, last: Indexes
 ) -> tuple[Floats, Floats]:
     """Position [m] and signed yaw errors [rad] of segments aligned at their starts.
 
@@ -201,12 +200,12 @@ def segment_errors(
     return np.hypot(apart[..., 0], apart[..., 1]), np.asarray(wrap_angle(apart[..., 2]))
 
 
-def pieces(stamps: Stamps, largest_gap: float) -> Places:
+def pieces(stamps: Stamps, largest_gap: float) -> Indexes:
     """Index (n,) of the piece of each stamp [ns], between gaps over `largest_gap` [s]."""
     return np.concatenate([[0], np.cumsum(np.diff(stamps) * NANOSECOND > largest_gap)])
 
 
-def are_within(piece: Places, times: NDArray[Any], begins: Any, ends: Any) -> NDArray[np.bool_]:
+def are_within(piece: Indexes, times: NDArray[Any], begins: Any, ends: Any) -> Flags:
     """Mask (k,) of intervals within one piece, by pieces and times (n,) of stamps."""
     first = np.clip(np.searchsorted(times, begins, side="right") - 1, 0, None)
     last = np.minimum(np.searchsorted(times, ends), len(piece) - 1)
@@ -305,7 +304,7 @@ def nees(errors: Floats, covariances: Floats) -> Floats:
     return np.asarray(x * x / pivot_x + y * y / pivot_y + z * z / pivot_z)
 
 
-def regular(covariances: Floats) -> NDArray[np.bool_]:
+def regular(covariances: Floats) -> Flags:
     """Mask (...) of matrices (..., 3, 3) with eigenvalues above `LEAST_EIGENVALUE`."""
     with np.errstate(all="ignore"):
         pivots, _ = _factors(covariances, LEAST_EIGENVALUE)

@@ -35,6 +35,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.motion.bounds import ETA0, index_bounds
 from icreckon.estimator.motion.icr import GRAVITY, IndexValues, Number, PaperTwist
 from icreckon.estimator.motion.motion_model import (
+    BodySlip,
     Gravity,
     Motion,
     TwistDerivatives,
@@ -91,12 +92,7 @@ class LaggedIndexMotion:
         self._memory = np.array(after, dtype=float)
 
     def linearise(
-        self,
-        V_l: Number,
-        V_r: Number,
-        parameters: Any,
-        slip: tuple[Number, Number, Number],
-        gravity: Gravity,
+        self, V_l: Number, V_r: Number, parameters: Any, slip: BodySlip, gravity: Gravity
     ) -> tuple[Motion, TwistDerivatives]:
         """Motion and derivatives of its twist, as in `MotionModel`."""
         return linearise(V_l, V_r, parameters, slip, gravity, self.vehicle, self._memory)
@@ -193,7 +189,7 @@ def linearise(
     V_l: Number,
     V_r: Number,
     parameters: Any,
-    slip: tuple[Number, Number, Number],
+    slip: BodySlip,
     gravity: Gravity,
     vehicle: VehicleConstants,
     memory: Any,

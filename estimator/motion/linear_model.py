@@ -20,6 +20,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.state import PARAMETER_COUNT
 from icreckon.estimator.motion.icr import IndexValues, Number, PaperTwist
 from icreckon.estimator.motion.motion_model import (
+    BodySlip,
     Gravity,
     Motion,
     TwistDerivatives,
@@ -57,12 +58,7 @@ class LinearMotion(Unremembering):
         return float(steering_efficiency(parameters, self.vehicle))
 
     def linearise(
-        self,
-        V_l: Number,
-        V_r: Number,
-        parameters: Any,
-        slip: tuple[Number, Number, Number],
-        gravity: Gravity,
+        self, V_l: Number, V_r: Number, parameters: Any, slip: BodySlip, gravity: Gravity
     ) -> tuple[Motion, TwistDerivatives]:
         """Motion and derivatives of its twist, as in `MotionModel`."""
         return linearise(V_l, V_r, parameters, slip, gravity, self.vehicle)
@@ -84,7 +80,7 @@ def linearise(
     V_l: Number,
     V_r: Number,
     parameters: Any,
-    slip: tuple[Number, Number, Number],
+    slip: BodySlip,
     gravity: Gravity,  # noqa: ARG001 - all motion models have it
     vehicle: VehicleConstants,
 ) -> tuple[Motion, TwistDerivatives]:

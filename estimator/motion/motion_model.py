@@ -16,7 +16,9 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.motion.icr import IndexValues, Number, PaperTwist
 
-NO_SLIP: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
+# Residual of the twist: r_x, r_y [m/s], r_w [rad/s].
+BodySlip = tuple[Number, Number, Number]
+NO_SLIP: BodySlip = (0.0, 0.0, 0.0)
 # Acceleration of gravity along the ground, right and forward [m/s²].
 Gravity = tuple[Number, Number]
 LEVEL: Gravity = (0.0, 0.0)
@@ -92,12 +94,7 @@ class MotionModel(Protocol):
         """Steering efficiency index [-] at parameters (9,), without the effect of inertia."""
 
     def linearise(
-        self,
-        V_l: Number,
-        V_r: Number,
-        parameters: Any,
-        slip: tuple[Number, Number, Number],
-        gravity: Gravity,
+        self, V_l: Number, V_r: Number, parameters: Any, slip: BodySlip, gravity: Gravity
     ) -> tuple[Motion, TwistDerivatives]:
         """Compute the motion and the total derivatives of its twist, without side effects.
 

@@ -21,6 +21,7 @@ from icreckon.estimator.log import measurements
 from icreckon.estimator.log.measurements import Measurement, TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors import track_latency
+from icreckon.estimator.sensors.track_latency import TrackLatencyMemory
 
 LARGEST_SIGMA = 0.02  # largest standard error with which an estimate is used [s]
 LEAST_LATENCY, LEAST_CHANGE = 0.03, 0.01
@@ -116,10 +117,7 @@ class StampCorrection:
     """
 
     def __init__(
-        self,
-        latencies: Latencies,
-        estimated: float = 0.0,
-        memory: track_latency.TrackLatencyMemory | None = None,
+        self, latencies: Latencies, estimated: float = 0.0, memory: TrackLatencyMemory | None = None
     ) -> None:
         self.latencies, self.estimated = latencies, estimated
         # Samples that the estimator has not taken yet, of the difference of the track speeds and of the
@@ -172,7 +170,7 @@ class StampCorrection:
         self._gyro_parts.clear()
         self._estimator.take(*samples)
 
-    def memory(self) -> track_latency.TrackLatencyMemory:
+    def memory(self) -> TrackLatencyMemory:
         """Checkpoint of the watch; the waiting samples are used first."""
         self._use_estimate()
         return self._estimator.memory()

@@ -98,8 +98,8 @@ class Reckoning:
         robot: Robot,
         variant: Variant,
         settings: Settings,
-        start: tuple[float, float, float],
-        start_sigma: tuple[float, float, float],
+        start: Vector3,
+        start_sigma: Vector3,
     ) -> None:
         model, state, sigmas, self._disturbances = assumptions(robot, variant, settings)
         self.parameter_sigmas = sigmas[s.PARAMETERS].copy()

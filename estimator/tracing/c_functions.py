@@ -8,37 +8,25 @@ The C file defines `real`, `complex_number` with its arithmetic, `smaller` and `
 
 import inspect
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, get_args, get_origin, get_type_hints
 
 from icreckon.estimator.tracing.c_types import BOOL, COMPLEX, INT, NONE, NUMBERS, REAL, Code, Type
 from icreckon.estimator.tracing.c_writer import FunctionWriter
 
 
+@dataclass
 class Functions:
-    """Functions in C, each after those that it calls.
+    """Functions in C, each after those that it calls."""
 
-    Args:
-        bits: number of bits of each number, 64 or 32.
-        record_types: C type of each type of record.
-        constants: expressions in C in place of fields, by type of record and name.
-        integers: types of whole numbers that are no `int64_t`, likewise.
+    bits: int  # number of bits of each number, 64 or 32
+    records: dict[type, Type]  # C type of each type of record
+    constants: dict[tuple[str, str], Code]  # expressions in place of fields, by record and name
+    integers: dict[tuple[str, str], str]  # types of whole numbers that are no `int64_t`, likewise
 
-    Attributes:
-        text: definitions of the functions so far.
-        tuples: definitions of their tuples.
-    """
-
-    def __init__(
-        self,
-        bits: int,
-        record_types: dict[type, Type],
-        constants: dict[tuple[str, str], Code],
-        integers: dict[tuple[str, str], str],
-    ) -> None:
-        self.bits, self.records = bits, record_types
-        self.constants, self.integers = constants, integers
-        self.text: list[str] = []
-        self.tuples: dict[Type, str] = {}
+    def __post_init__(self) -> None:
+        self.text: list[str] = []  # definitions of the functions so far
+        self.tuples: dict[Type, str] = {}  # definitions of their tuples
         self._translated: dict[tuple[Any, tuple[Type, ...]], tuple[str, Type]] = {}
         self._names: set[str] = set()
 

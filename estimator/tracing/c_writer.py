@@ -4,7 +4,7 @@ import ast
 import inspect
 import math
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from operator import add, mul, sub, truediv
 from typing import Any, get_type_hints
 
@@ -37,11 +37,7 @@ class FunctionWriter:
     """Writer of one of the `Functions`, for certain types of its parameters."""
 
     def __init__(
-        self,
-        functions: Any,
-        function: Callable[..., Any],
-        parameters: dict[str, Type],
-        result: Type | None,
+        self, functions: Any, function: Any, parameters: dict[str, Type], result: Type | None
     ) -> None:
         self._functions, self._function, self._parameters = functions, function, parameters
         self._bits = functions.bits
