@@ -11,6 +11,8 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
+from heapq import merge
+from operator import attrgetter
 from typing import Any, TypeVar
 
 import numpy as np
@@ -185,31 +187,21 @@ class Log:
 
         At equal stamps the order is tracks, IMU, fixes, others.
         """
-        streams: list[tuple[Stamps, _Maker]] = [
-            (self.tracks.stamps, partial(_track_speeds, self.tracks))
-        ]
+        streams = [_stream(len(self.tracks.stamps), partial(_track_speeds, self.tracks))]
         if self.imu is not None:
-            streams.append((self.imu.stamps, partial(_imu_samples, self.imu)))
+            streams.append(_stream(len(self.imu.stamps), partial(_imu_samples, self.imu)))
         if self.fixes is not None:
             fixes, headed = self.fixes, np.flatnonzero(np.isfinite(self.fixes.poses[:, 2]))
-            streams.append((fixes.stamps, partial(_positions, fixes)))
-            streams.append((fixes.stamps[headed], lambda rows: _headings(fixes, headed[rows])))
-        stamps_of_others = np.array([other.stamp for other in self.others], dtype=np.int64)
-        streams.append((stamps_of_others, lambda rows: [self.others[k] for k in rows.tolist()]))
-        stamps = np.concatenate([stream[0] for stream in streams])
-        ends = np.cumsum([len(stream[0]) for stream in streams])
-        order = np.argsort(stamps, kind="stable")
-        # In chunks, each made stream by stream and then interleaved: all measurements of a long log at
-        # once would fill the memory.
-        for start in range(0, len(order), AT_A_TIME):
-            wanted = order[start : start + AT_A_TIME]
-            stream_of = np.searchsorted(ends, wanted, side="right")
-            made = []
-            for number, (own_stamps, make) in enumerate(streams):
-                first = ends[number] - len(own_stamps)
-                made.append(iter(make(wanted[stream_of == number] - first)))
-            for number in stream_of.tolist():
-                yield next(made[number])
+            streams.append(_stream(len(fixes.stamps), partial(_positions, fixes)))
+            streams.append(_stream(len(headed), lambda rows: _headings(fixes, headed[rows])))
+        by_stamp = attrgetter("stamp")
+        return merge(*streams, sorted(self.others, key=by_stamp), key=by_stamp)
+
+
+def _stream(count: int, make: _Maker) -> Iterator[Measurement]:
+    """Yield the measurements of a stream, made in chunks: all would fill the memory."""
+    for start in range(0, count, AT_A_TIME):
+        yield from make(np.arange(start, min(start + AT_A_TIME, count)))
 
 
 def screen(
