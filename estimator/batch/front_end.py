@@ -137,11 +137,8 @@ def fill_inputs(
 ) -> None:
     """Fill the inputs (n, rows, lanes) of steps; change the records of the lanes.
 
-    Stamps of track speeds and fixes are since the first track speeds. `added` is the number of track
-    speeds that are in the records already.
-
-    Raises:
-        ValueError: an array has the wrong size.
+    Stamps of track speeds and fixes are since the first track speeds, of which `added` are in the
+    records already. `ValueError` if an array has the wrong size.
     """
     check_sizes(inputs, lanes, measured, steps, added)
     count = len(lanes.records)

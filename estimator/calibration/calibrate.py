@@ -176,10 +176,7 @@ def _check_logs(logs: Sequence[Log], robot: Robot) -> None:
 
 
 def _with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
-    """Log with headings in its truth, and a remark if these are from the path.
-
-    A log without truth, IMU or tracks stays as it is.
-    """
+    """Log with headings in its truth, and a remark if these are from the path."""
     truth, imu = log.truth, log.imu
     if truth is None or imu is None or len(imu.stamps) < 2 or len(log.tracks.stamps) < 2:
         return log, ()

@@ -133,16 +133,14 @@ class Problem:
         return rows, jacobian
 
     def heading(self, values: Floats) -> tuple[Floats, Floats]:
-        """Heading (n, m + 1) by the gyro at ends of cells, aligned with the truth [rad].
-
-        Also its error (n,): the rotation by the truth less that by the gyro [rad].
-        """
+        """Heading (n, m + 1) by the gyro at ends of cells, and its error (n,) [rad]."""
         recording = self.recording
         bias = self._by_segment(values, "gyro_bias")
         scale = values[self.place("gyro_scale")]
         turned = (recording.turned - bias[:, None] * recording.edges) / scale
         _, _, yaw = recording.knots(self._by_log(values, "lag"))
         at_start, at_end = yaw[recording.starts], yaw[recording.ends]
+        # Rotation by the truth less that by the gyro.
         apart = wrap_angle(at_end - at_start - (turned[:, -1] - turned[:, 0]))
         offset = at_start - turned[:, 0] + 0.5 * apart
         return turned + offset[:, None], np.asarray(apart)

@@ -105,10 +105,7 @@ class Recording:
         return self._interpolate(middles, series)
 
     def mean_force(self, marks: Indexes) -> Floats:
-        """Mean specific force (n, b, 2), forward and left, between marked cells [m/s²].
-
-        It is averaged between the middles of the cells (b + 1,), and zero for a log without one.
-        """
+        """Mean specific force (n, b, 2) between middles of cells; zero without one [m/s²]."""
         times = 0.5 * (self.edges[:, marks] + self.edges[:, marks + 1])
         pairs = [(motion.imu_times, motion.pushed) for motion in self.motions]
         series = [None if pushed is None else (at, pushed) for at, pushed in pairs]
@@ -349,10 +346,7 @@ def _too_short(motions: Sequence[Motion], found: int, length: float) -> Estimato
 
 
 def _blocks(log: Indexes, moving: Flags) -> Indexes:
-    """Block (n,) of each segment; each has about as many moving segments.
-
-    A block is contiguous and of one log. One of less than half the size joins the block before it.
-    """
+    """Contiguous block (n,) of each segment, of one log, with as many moving ones."""
     size = int(np.clip(moving.sum() // BLOCKS, SMALLEST_BLOCK, LARGEST_BLOCK))
     blocks, block, moving_in_block = np.zeros(len(log), dtype=np.int64), 0, 0
     for segment in range(len(log)):
@@ -361,6 +355,7 @@ def _blocks(log: Indexes, moving: Flags) -> Indexes:
             block, moving_in_block = block + 1, 0
         moving_in_block += int(moving[segment])
         blocks[segment] = block
+    # A block of less than half the size joins the one before it.
     for last in range(block, 0, -1):
         in_last, first = np.asarray(blocks == last), int(np.argmax(blocks == last))
         if moving[in_last].sum() < (size + 1) // 2 and log[first] == log[first - 1]:

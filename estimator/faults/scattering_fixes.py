@@ -132,10 +132,7 @@ class TakenFix(NamedTuple):
 
 
 def add_fix(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
-    """Add a position fix; return True if scatter is found that was not before.
-
-    The `correction` (SIZE,) is the change of the state by the update with it.
-    """
+    """Add a position fix and its correction (SIZE,); True if scatter is newly found."""
     variance_before, elapsed = scatter.variance, 0.0
     if scatter.newest != NEVER:
         elapsed = (fix.stamp - scatter.newest) * NANOSECOND

@@ -49,9 +49,9 @@ def slides(slide: SlideRecord) -> bool:
 
 
 def watch_slide(slide: SlideRecord, stamp: int, force: float, tracks: float) -> None:
-    """Add a sample of the IMU at a stamp [ns], and decide whether the robot slides.
+    """Add an IMU sample [ns], and decide whether the robot slides.
 
-    `force` is the specific force forward [m/s²], or NaN; `tracks` the forward speed by the tracks [m/s].
+    The specific force [m/s²], NaN if unknown, and the track speed [m/s] are forward.
     """
     if force != force:  # NaN
         return
@@ -91,11 +91,9 @@ def _continue_slide(slide: SlideRecord) -> None:
 
 
 def slide_density(slide: SlideRecord, start: int, end: int) -> float:
-    """Error density of the sliding speed over a step from start to end [ns] [m²/s].
-
-    The distance is off by the slide's speed times its duration, at one standard deviation.
-    """
+    """Error density of the sliding speed over a step from start to end [ns] [m²/s]."""
     if not slides(slide):
         return 0.0
+    # The distance is off by the slide's speed times its duration, at one standard deviation.
     age = max(0.0, 0.5 * (start - slide.since + end - slide.since) * NANOSECOND)
     return 2.0 * slide.speed * slide.speed * age

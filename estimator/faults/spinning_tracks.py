@@ -77,10 +77,7 @@ def spread_of_bends(spin: SpinRecord) -> float:
 
 
 def unexplained(spin: SpinRecord, left: float, right: float, sigmas: float = SIGMAS) -> float:
-    """Difference of the track speeds [m/s] that no slip in bends explains.
-
-    Slip explains this many `sigmas`, standard deviations of the robot's own bends.
-    """
+    """Difference of track speeds [m/s] beyond `sigmas` of slip in the robot's bends."""
     if spin.width == 0.0:
         return 0.0
     turning, expected = right - left, spin.width * spin.rate
@@ -106,10 +103,7 @@ def learn_width(spin: SpinRecord, dt: float) -> None:
 def side_that_changed(
     mismatch: float, change_left: float, change_right: float, limit: float
 ) -> int:
-    """Find the track whose speed jumped when a mismatch began; `UNKNOWN` if none did.
-
-    A jump is the newest change of a track's speed by at least `limit`; all are in m/s.
-    """
+    """Track whose speed jumped by `limit` [m/s] as a mismatch began, or `UNKNOWN`."""
     # Jumps towards the mismatch count: a slower left or a faster right track, if it is positive.
     sign = 1.0 if mismatch > 0.0 else -1.0
     left_jump, right_jump = -sign * change_left, sign * change_right

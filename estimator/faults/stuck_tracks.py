@@ -43,15 +43,8 @@ def repeating_after(
 ) -> bool:
     """Add a sample of a track; return True if it is the first one found stuck.
 
-    Another reading, or a gap, starts the repetition again; the time of one that was not a fault counts in
-    `longest`.
-
-    Args:
-        track: record of the track, changed in place.
-        stamp: stamp of the sample [ns].
-        reading: reading of the track [m/s].
-        other: reading of the other track [m/s].
-        hold: longest time between samples that is no gap [s].
+    Another reading, or a gap longer than `hold` [s], starts the repetition again; the time of one that
+    was not a fault counts in `longest`. Readings of this track and of the other one are in m/s.
     """
     after_gap = (stamp - track.newest) * NANOSECOND > hold
     if after_gap or reading != track.reading:

@@ -62,9 +62,6 @@ class Ekf:
     `x` is (SIZE,), `P` (SIZE, SIZE); `icreckon.estimator.base.state` has their layout. If fixes wander
     there are two states more behind these (`add_wander`). Updates are scalar (`update_scalar`).
 
-    Args:
-        model: the motion model.
-
     Attributes:
         regressors: (3, 10) smoothed derivatives of the twist by the parameters, of the steps before, and
             last in the third row the yaw rate.
@@ -311,10 +308,7 @@ def decorrelated(z: Floats, H: Floats, R: Floats) -> Linearised:
 
 
 def _make_room(ekf: Ekf, model: MeasurementModel, linearised: Linearised, S: Floats) -> Floats:
-    """Inflate the states that a re-acquired measurement is to move; return its R.
-
-    A considered state cannot be moved: R of its component is inflated instead.
-    """
+    """Inflate the states that a re-acquired measurement is to move; return its R."""
     z, H, R = linearised
     squares, variances = z * z, S.diagonal()
     if model.inflated_jointly:
@@ -322,6 +316,7 @@ def _make_room(ekf: Ekf, model: MeasurementModel, linearised: Linearised, S: Flo
     for k, state in enumerate(model.inflated):
         added = inflation(squares.item(k), variances.item(k))
         if state in ekf.considered:
+            # It cannot be moved: R of its component is inflated instead.
             R = R.copy()
             R[k, k] += added * H.item(k, state) ** 2
         else:

@@ -69,10 +69,7 @@ class GateRecord(msgspec.Struct):
 def count_verdict(
     counts: GateRecord, verdict: int, nis: float, degrees: int, interval: float
 ) -> None:
-    """Count a verdict in place; plain Python, for numba too.
-
-    The normalised innovation squared has some `degrees` of freedom. A rejection counts `interval` [s].
-    """
+    """Count a verdict; a rejection counts an interval [s]. Plain Python, also numba."""
     counts.judged += 1
     counts.newest_nis = nis
     counts.recent_nis += (nis / degrees - counts.recent_nis) / min(counts.judged, RECENT)

@@ -26,11 +26,7 @@ class Assumptions(NamedTuple):
 
 
 def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptions:
-    """Make the prior of a robot and variant.
-
-    Raises:
-        EstimatorError: `Settings.considered` has a name that the variant has not.
-    """
+    """Make the prior of a filter; `EstimatorError` if considered states are unknown."""
     adaptation = settings.adaptation or variants.DEFAULT_ADAPTATION[variant.model]
     model = variants.motion_model(robot, variant)
     state, sigmas = np.zeros(s.SIZE), np.zeros(s.SIZE)
@@ -56,11 +52,7 @@ def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptio
 
 
 def considered_states(variant: Variant, settings: Settings) -> tuple[int, ...]:
-    """Indices of the states that `Settings.considered` names.
-
-    Raises:
-        EstimatorError: there is no such parameter, bias or scale; the message names the nearest.
-    """
+    """Indices of states that `Settings.considered` names; `SettingError` if unknown."""
     names = state_names(variant)
     allowed = [name for name in names[s.LEARNT] if name]  # unused parameters have no name
     for name in settings.considered:

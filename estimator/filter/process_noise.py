@@ -28,11 +28,6 @@ UNKNOWN_YAW = math.pi**2 / 3.0
 class Disturbances:
     """The process noise of one robot and filter variant.
 
-    Args:
-        robot: the robot.
-        slip: of the variant.
-        parameter_walk: (9,) random walk of the parameters at its full rate, per √s.
-
     Attributes:
         slip: slip of the variant.
         bias_walk: (SIZE,) random walk of the biases, zero elsewhere, per √s.

@@ -63,16 +63,11 @@ def add_rejected(
 def relocate(
     rejected: RejectedRecord, pose: Floats, covariance: Floats, wander_sigma: float
 ) -> bool:
-    """Align a pose with the rejected fixes; return False if they do not fit.
+    """Align a pose (3,) with the rejected fixes; return False if they do not fit.
 
-    The pose is as far off as the fixes are: if these wander, the wander's variance is added to its own,
-    and the two are correlated.
-
-    Args:
-        rejected: the record.
-        pose: (3,) x, y [m], yaw [rad], changed in place.
-        covariance: (5, 5) written to: covariance of the pose, and of a new wander of zero.
-        wander_sigma: standard deviation of the wander [m].
+    The pose [m, m, rad] is changed in place, and the covariance (5, 5) of it and of a new wander of zero
+    is written. The pose is as far off as the fixes are: if these wander, with `wander_sigma` [m], the
+    wander's variance is added to its own, and the two are correlated.
     """
     fit = aligned_path(rejected)
     if not fit.fits:

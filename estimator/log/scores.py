@@ -213,19 +213,10 @@ def are_within(piece: Indexes, times: NDArray[Any], begins: Any, ends: Any) -> F
 
 
 def even_grid(low: float, high: float, step: float, known: NDArray[Any]) -> NDArray[Any]:
-    """Evenly spaced times from `low` to below `high`, except in the middle of gaps.
+    """Evenly spaced times (m,) from `low` to below `high`, but not amid gaps.
 
-    Of a gap of more than `LONGEST_FILLED` only the times next to its ends are kept, so that a clock that
-    jumps does not fill the memory.
-
-    Args:
-        low: first time, in the unit of `known`.
-        high: end of the times.
-        step: distance between them.
-        known: (n,) ascending times that show the gaps, stamps [ns] or floats [s].
-
-    Returns:
-        (m,) ascending times of the type of `known`.
+    Of a gap of more than `LONGEST_FILLED` in the `known` times only the times next to its ends are kept,
+    so that a clock that jumps does not fill the memory. Times and step are stamps [ns] or floats [s].
     """
     unit = NANOSECOND if np.issubdtype(known.dtype, np.integer) else 1.0
     gaps = np.flatnonzero(np.diff(known) > LONGEST_FILLED / unit)

@@ -170,16 +170,10 @@ class Truth:
 
 
 def running_integral(stamps: Stamps, values: NDArray[Any]) -> NDArray[Any]:
-    """Integrate samples, which change steadily in between, up to each of them.
+    """Integrate samples (n, ...), which change steadily in between, up to each one.
 
-    scipy's `cumulative_trapezoid` is the same, and takes 0.7 s to load.
-
-    Args:
-        stamps: (n,) their stamps [ns].
-        values: (n, ...) samples.
-
-    Returns:
-        Integrals (n, ...), in the samples' unit times seconds; zero at the first.
+    scipy's `cumulative_trapezoid` is the same, and takes 0.7 s to load. Stamps are in ns, integrals in
+    the samples' unit times seconds; zero at the first.
     """
     seconds = (np.diff(stamps) * NANOSECOND).reshape(-1, *[1] * (values.ndim - 1))
     steps = np.zeros(values.shape, np.result_type(values, float))

@@ -112,14 +112,7 @@ class MotionModel(Protocol):
         """Memory (m,) of the model itself, which steps change in place."""
 
     def recall(self, memory: Floats) -> None:
-        """Restore a checkpoint.
-
-        Args:
-            memory: (m,) copy of `memory`, which the model keeps.
-
-        Raises:
-            ValueError: its length is not that of the model's memory.
-        """
+        """Restore a checkpoint, a copy (m,) of `memory`; `ValueError` for another length."""
 
     def begin_step(
         self, dt: float, V_l: float, V_r: float, parameters: Any, gravity: Gravity

@@ -40,11 +40,8 @@ class TrackChange(NamedTuple):
 class SensorModels:
     """Mounting of one robot's IMU.
 
-    Args:
-        robot: the robot.
-
     Attributes:
-        imu_position: position of its IMU in base_link, forward and left [m].
+        imu_position: position of the IMU in base_link, forward and left [m].
         mounting: (6, 3) rates of base_link by the gyros: yaw, roll and pitch, these NaN with a gyro of
             one axis or on level ground; the reading of the gyro that shows most of the yaw; specific
             force forward and left by the accelerometers.

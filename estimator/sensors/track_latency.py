@@ -140,11 +140,7 @@ class _Rate:
 
 
 class TrackLatencyEstimator:
-    """Estimator of the latency of track speeds.
-
-    Attributes:
-        completed: number of blocks that were completed; the estimate changes with it.
-    """
+    """Estimator of the latency of track speeds, from completed blocks of turning."""
 
     def __init__(self) -> None:
         self._origin = NEVER

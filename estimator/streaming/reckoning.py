@@ -86,7 +86,6 @@ class Reckoning:
     Attributes:
         ekf: the extended Kalman filter.
         parameter_sigmas: (9,) initial standard deviations of the parameters.
-        own_faults: faults that users have added.
         record: record of the inputs, of which only the rates for the watch may be taken.
 
     Raises:

@@ -230,14 +230,14 @@ class InnovationRows:
                         self._columns[name] = np.full(self._most, np.nan, np.float32)
                     self._columns[name][row] = residual[axis] / math.sqrt(variance)
 
-    def put_all(self, values: Floats) -> None:
-        """Fill the columns (most, 3) of the IMU's sensors; skip those without innovations."""
-        for name, column in zip(IMU_SENSORS, values.T, strict=True):
+    def finish(self, count: int, of_imu: Floats) -> tuple[tuple[str, ...], Singles]:
+        """Names (k,) of components with innovations, and the first rows (count, k) [-].
+
+        Innovations (most, 3) of the IMU's sensors are added, if there were any.
+        """
+        for name, column in zip(IMU_SENSORS, of_imu.T, strict=True):
             if not np.isnan(column).all():
                 self._columns[name] = column.astype(np.float32)
-
-    def finish(self, count: int) -> tuple[tuple[str, ...], Singles]:
-        """Names (k,) of components with innovations, and the first rows (count, k) [-]."""
         components = chain.from_iterable(self._components.values())
         names = tuple(name for name in components if name in self._columns)
         rows = np.empty((count, len(names)), np.float32)
@@ -278,7 +278,6 @@ class Rows:
 
     def finish(self, count: int, variant: str, state_names: tuple[str, ...], health: Health) -> Run:
         """Run of the first `count` rows."""
-        self.innovations.put_all(self.arrays.innovations)
         rows, filled = self.arrays, slice(0, count)
         states, sigmas = rows.states[filled], rows.sigmas[filled]
         trajectory = Trajectory(
@@ -290,5 +289,5 @@ class Rows:
             *spatial_of(states, sigmas),
         )
         indices, faults = rows.indices[filled], rows.faults[filled]
-        counts = health, *self.innovations.finish(count), faults
+        counts = health, *self.innovations.finish(count, rows.innovations), faults
         return Run(variant, trajectory, indices, state_names, states, sigmas, *counts)

@@ -78,14 +78,10 @@ class SavedEstimator(Bounded, frozen=True):
     def require_fit(
         self, robot: Robot, variant: str | None, source: str, *, to_continue: bool
     ) -> None:
-        """Require the robot and the variant that the estimator was saved for.
+        """Require the robot and the variant (None: any) that the estimator was saved for.
 
-        Args:
-            robot: the robot to continue with.
-            variant: name of the variant to continue with, None for any.
-            source: file name, for messages.
-            to_continue: all keys must agree; if False, only those that learnt parameters, scales and
-                biases depend on.
+        To continue, all keys must agree; otherwise only those that learnt parameters, scales and biases
+        depend on. The `source` is a file name, for messages.
 
         Raises:
             EstimatorError: robot or variant differ; the message gives the difference.
@@ -233,15 +229,9 @@ def require_64_bits(content: Any) -> None:
 
 
 def require_sound(checkpoint: FilterCheckpoint, ekf: Ekf, *, to_continue: bool = True) -> None:
-    """Require a checkpoint that this filter can have.
+    """Require a checkpoint that this filter can have; `ValueError` otherwise.
 
-    Args:
-        checkpoint: the checkpoint.
-        ekf: filter that is to be restored to it.
-        to_continue: True if sizes of state and memory must be the filter's; not for a warm start.
-
-    Raises:
-        ValueError: it has no place in the filter, or holds what no filter estimates.
+    Sizes of state and memory must be the filter's only to continue, not for a warm start.
     """
     state, memory, P = checkpoint.state, checkpoint.model, checkpoint.covariance
     if to_continue and state.shape != ekf.x.shape:

@@ -27,9 +27,6 @@ class Kernel(NamedTuple):
 
 
 def call_kernel(kernel: Any, lanes: Any, inputs: Any, constants: Any) -> int:
-    """Call a kernel with its `ARRAYS`, and return its flags.
-
-    It is a function of these; in compiled code the address of its machine code.
-    """
+    """Call a kernel (or its address, in compiled code); return its flags."""
     flags: int = kernel(lanes, inputs, constants)
     return flags

@@ -124,11 +124,7 @@ def warn_unless_kept() -> None:
 
 @cache
 def environment_digest(package: str) -> str:
-    """Digest of all inputs of the compiler except signature and processor.
-
-    These are the source files of the package and of the packages below it, and the versions of Python,
-    numba, llvmlite and NumPy.
-    """
+    """Digest of the sources and versions that machine code of a package depends on."""
     digest = hashlib.sha256()
     versions = sys.implementation.cache_tag, *(one.__version__ for one in (numba, llvmlite, np))
     options = [getattr(config, name) for name in OPTIONS]
