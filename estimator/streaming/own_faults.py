@@ -8,18 +8,9 @@ import msgspec
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.filter import fault_table
 from icreckon.estimator.filter.ekf import Ekf
-from icreckon.estimator.filter.fault_table import (
-    OWN_FAULTS,
-    Exclude,
-    FilterView,
-    Finding,
-    Found,
-    Inflate,
-    OwnFault,
-    Replace,
-    finding,
-)
+from icreckon.estimator.filter.fault_table import Finding, Found, Inflate, OwnFault, Replace
 from icreckon.estimator.log.input_checks import Admission, as_plain
 from icreckon.estimator.log.measurements import Measurement
 
@@ -31,12 +22,12 @@ class OwnFaults:
 
     def __init__(self, state_names: tuple[str, ...], admission: Admission) -> None:
         self._state_names, self._admission = state_names, admission
-        self.watched = [fault_type() for fault_type in OWN_FAULTS.values()]
+        self.watched = [fault_type() for fault_type in fault_table.OWN_FAULTS.values()]
         # Findings on faults that raised an exception, by their names.
         self._failed: dict[str, Finding] = {}
 
     def watch(
-        self, measurement: Measurement, view: FilterView, ekf: Ekf
+        self, measurement: Measurement, view: fault_table.FilterView, ekf: Ekf
     ) -> tuple[Measurement, str | None]:
         """Watch a measurement, and inflate the filter.
 
@@ -52,7 +43,7 @@ class OwnFaults:
                 match effect:
                     case Replace():
                         measurement = self._replaced(measurement, effect)
-                    case Exclude():
+                    case fault_table.Exclude():
                         excluded_by = excluded_by or fault.name
                     case _:
                         inflations += self._variances(effect)
@@ -73,7 +64,7 @@ class OwnFaults:
             try:
                 found = fault.find()
                 if found is not None:
-                    lasting.append(finding(fault, Found(*found)))
+                    lasting.append(fault_table.finding(fault, Found(*found)))
             except Exception as problem:
                 self._give_up(fault, problem)
         return [*lasting, *self._failed.values()]
@@ -132,5 +123,5 @@ class OwnFaults:
         """Watch for a fault no longer, since it raised an exception; keep a finding."""
         text = f"{type(problem).__name__}: {problem}"
         given_up = Found("robot", f"the fault {fault.name!r} failed: {text}", effect="not watched")
-        self._failed[fault.name] = finding(fault, given_up)
+        self._failed[fault.name] = fault_table.finding(fault, given_up)
         self.watched = [other for other in self.watched if other.name != fault.name]

@@ -11,20 +11,10 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError, IcreckonError
 from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.filter import samples as sample_arrays
 from icreckon.estimator.filter.fault_table import FAULT_COLUMNS
 from icreckon.estimator.filter.health import Health, Judged
-from icreckon.estimator.filter.samples import (
-    COUNT,
-    DUE,
-    NEWEST,
-    NO_STAMPS,
-    WRITTEN,
-    RunRows,
-    SampleArrays,
-    are_in_order,
-    has_absurd_readings,
-    samples_of,
-)
+from icreckon.estimator.filter.samples import COUNT, DUE, NEWEST, WRITTEN, RunRows, SampleArrays
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import Measurement, TrackSpeeds
 from icreckon.estimator.log.series import TrackSpeedSeries, require_part
@@ -98,12 +88,18 @@ def work_through(
             f"log {log.name!r} holds no track speeds: there is nothing to reckon with"
         )
     feeding = _Feeding(log, estimator, progress, at_row)
-    samples = samples_of(log)
+    samples = sample_arrays.samples_of(log)
     fastest = estimator.robot.vehicle.max_track_speed
-    is_plain = at_row is None and are_in_order(samples) and not estimator.has_own_faults
+    is_plain = (
+        at_row is None and sample_arrays.are_in_order(samples) and not estimator.has_own_faults
+    )
     # NaN is found afterwards, see `icreckon.estimator.streaming.lost`.
     with np.errstate(all="ignore"):
-        if is_plain and len(samples.imu_stamps) and not has_absurd_readings(log, fastest):
+        if (
+            is_plain
+            and len(samples.imu_stamps)
+            and not sample_arrays.has_absurd_readings(log, fastest)
+        ):
             feeding.feed_arrays(samples)
         else:
             feeding.feed_each(log.measurements())
@@ -173,7 +169,7 @@ class _Feeding:
         """Feed track and IMU samples as arrays, between the log's other measurements."""
         log = self.log
         samples_alone = replace(log, fixes=None, others=(), truth=None)
-        no_tracks = TrackSpeedSeries(NO_STAMPS, np.zeros((0, 2)))
+        no_tracks = TrackSpeedSeries(sample_arrays.NO_STAMPS, np.zeros((0, 2)))
         others = replace(log, tracks=no_tracks, imu=None, truth=None)
         # None stands for the end of the log.
         for other in chain(others.measurements(), [None]):
