@@ -80,10 +80,7 @@ class Events:
         self._begins = np.concatenate([[0], self._ends[:-1]])
 
     def report(self, values: Floats, size: int, yaw: float, listener: Listener) -> None:
-        """Report the changes of a call, by their numbers (m,), but none of zero.
-
-        The filter has `size` states, and before the call this yaw [rad].
-        """
+        """Report the changes of a call by their numbers (m,); its start has the yaw [rad]."""
         if not self._events:
             return
         is_nonzero = np.logical_or.reduceat(values[: self._ends[-1]] != 0.0, self._begins)

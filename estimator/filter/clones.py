@@ -52,10 +52,7 @@ class RelativeMotion(NamedTuple):
 
 
 class Clones(msgspec.Struct, frozen=True):
-    """Motion since each of m marks; immutable.
-
-    Each clone is computed separately, with the same rounding whatever other clones there are.
-    """
+    """Motion since each of m marks, each computed separately; immutable."""
 
     stamps: tuple[int, ...]  # stamps of the marks [ns]
     poses: np.ndarray[Any, Any]  # (m, 3) poses of base_link in base_link at each mark

@@ -118,10 +118,7 @@ class Ekf:
             self.observer.wandered(decay, variance)
 
     def twist_model(self, left: float, right: float, slip_shares: Triple = WHOLE) -> TwistModel:
-        """Body velocity and its Jacobian at track speeds [m/s]; do not change them.
-
-        `slip_shares` are factors on the slip, for its mean over a step.
-        """
+        """Body velocity and Jacobian at track speeds [m/s] and slip shares; read-only."""
         arrays = self.x.tobytes(), self.model.memory.tobytes(), self.regressors.tobytes()
         key = (left, right, *slip_shares, *arrays)
         if key != self._evaluated_at:

@@ -109,10 +109,7 @@ def sides_of(
 
 
 def wander_after(fixes: FixesRecord, stamp: int, sigma: float, time: float) -> tuple[float, float]:
-    """Decay of the fixes' wander until a stamp [ns], and variance that it gains [m²].
-
-    The wander has this standard deviation [m] and correlation time [s].
-    """
+    """Decay of the fixes' wander to a stamp [ns] and its gain [m²], by sigma and time."""
     elapsed = 0 if fixes.wander_stamp == NEVER else stamp - fixes.wander_stamp
     fixes.wander_stamp, decay = stamp, math.exp(-elapsed * NANOSECOND / time)
     return decay, sigma * sigma * (1.0 - decay * decay)

@@ -166,10 +166,7 @@ def fast_slip_density(
 
 
 def twist_covariance(jacobian: Floats, P: Floats, fastest: float) -> Floats:
-    """(3, 3) covariance of the body velocity, see `share_of_sigma`.
-
-    Its derivative by the n states is `jacobian` (3, n), their covariance P (n, n).
-    """
+    """(3, 3) covariance of the body velocity, by its Jacobian (3, n) and P (n, n)."""
     covariance = np.asarray(jacobian @ P @ jacobian.T)
     v_x, v_y = (share_of_sigma(covariance.item(axis, axis), fastest) for axis in (0, 1))
     shares = np.array([v_x, v_y, 1.0])

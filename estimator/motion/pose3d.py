@@ -58,11 +58,8 @@ def roll_pitch(gravity: ArrayLike) -> Floats:
 
 
 def spatial_of(states: Floats, sigmas: Floats) -> tuple[Floats, Floats]:
-    """Height, roll and pitch (n, 3) [m, rad, rad] of states (n, SIZE), and sigmas.
-
-    Sigmas of roll and pitch are for small angles.
-    """
-    # Roll is by gravity to the left, pitch by that forward.
+    """Height, roll and pitch (n, 3) [m, rad, rad] of states (n, SIZE), and sigmas."""
+    # Roll is by gravity to the left, pitch by that forward; sigmas are for small angles.
     tilt_sigmas = sigmas[:, [s.GRAVITY_Y, s.GRAVITY_X]] / GRAVITY
     spatial = np.column_stack([states[:, s.Z], roll_pitch(states[:, s.GRAVITY])])
     return spatial, np.column_stack([sigmas[:, s.Z], tilt_sigmas])

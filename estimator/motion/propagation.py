@@ -112,11 +112,9 @@ def turn_along_arc(angle: float, arc: Any) -> tuple[float, float]:
 
 
 def gauss_markov(dt: float, tau: float) -> GaussMarkov:
-    """Transition of a Gauss-Markov process of unit variance over a step [s].
-
-    Where differences of nearly equal numbers would be left, series in dt / tau take their place.
-    """
+    """Transition of a Gauss-Markov process of unit variance over a step [s]."""
     ratio = dt / tau
+    # Series in this ratio where differences of nearly equal numbers would be left.
     short, long = min(ratio, SHORT), max(ratio, SHORT)
     decay = math.exp(-ratio)
     lost = 1.0 - decay

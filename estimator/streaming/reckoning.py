@@ -180,10 +180,7 @@ class Reckoning:
         self.own_faults.restore(checkpoint.own_faults)
 
     def warm_start(self, checkpoint: FilterCheckpoint, off: float) -> None:
-        """Start with parameters, biases and scales of a checkpoint of such a filter.
-
-        The biases have walked since, for `off` [s].
-        """
+        """Start with parameters, biases and scales of a checkpoint that is `off` [s] old."""
         self.ekf.x[s.LEARNT] = checkpoint.state[s.LEARNT]
         self.ekf.P[s.LEARNT, s.LEARNT] = checkpoint.covariance[s.LEARNT, s.LEARNT]
         self.ekf.P[: s.SIZE, : s.SIZE] += np.diag(self._disturbances.bias_walk**2 * off)

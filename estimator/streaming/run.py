@@ -227,10 +227,8 @@ class InnovationRows:
                     self._columns[name][row] = residual[axis] / math.sqrt(variance)
 
     def finish(self, count: int, of_imu: Floats) -> tuple[tuple[str, ...], Singles]:
-        """Names (k,) of components with innovations, and the first rows (count, k) [-].
-
-        Innovations (most, 3) of the IMU's sensors are added, if there were any.
-        """
+        """Names (k,) of components with innovations, and the first rows (count, k) [-]."""
+        # Those (most, 3) of the IMU's sensors are added, if there were any.
         for name, column in zip(IMU_SENSORS, of_imu.T, strict=True):
             if not np.isnan(column).all():
                 self._columns[name] = column.astype(np.float32)

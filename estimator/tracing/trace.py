@@ -255,10 +255,7 @@ def both(first: Any, second: Any) -> Any:
 def where_needed(
     needed: Any, usual: Sequence[Any], instead: Callable[[], Sequence[Any]]
 ) -> list[Any]:
-    """Replace the usual values in lanes that need it by those of `instead`.
-
-    These are computed only if there are such lanes.
-    """
+    """Values of `instead` in lanes that need them, computed only if there are such."""
     if not isinstance(needed, Traced):
         return list(instead() if needed else usual)
 
