@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, get_args, get_origin, get_type_hints
 
-from icreckon.estimator.tracing.c_types import BOOL, COMPLEX, INT, NONE, NUMBERS, REAL, Code, Type
-from icreckon.estimator.tracing.c_writer import FunctionWriter
+from icreckon.estimator.tracing import c_writer
+from icreckon.estimator.tracing.c_writer import INT, NONE, NUMBERS, REAL, Code, Type
 
 
 @dataclass
@@ -56,7 +56,7 @@ class Functions:
             self._names.add(name)
             result = self.of_annotation(hints.get("return"))
             parameters = dict(zip(names, used_types, strict=True))
-            writer = FunctionWriter(self, function, parameters, result)
+            writer = c_writer.FunctionWriter(self, function, parameters, result)
             text = writer.function(name)
             self._translated[key] = name, writer.result or NONE
             self.text.append(text)
@@ -64,7 +64,13 @@ class Functions:
 
     def of_annotation(self, hint: Any) -> Type | None:
         """Type that an annotation states; None if it leaves it open."""
-        plain = {float: REAL, int: INT, bool: BOOL, complex: COMPLEX, type(None): NONE}
+        plain = {
+            float: REAL,
+            int: INT,
+            bool: c_writer.BOOL,
+            complex: c_writer.COMPLEX,
+            type(None): NONE,
+        }
         if hint in plain:
             return plain[hint]
         if isinstance(hint, type) and hint in self.records:

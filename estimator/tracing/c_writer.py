@@ -1,27 +1,18 @@
 """Body of one Python function as C99, statement by statement, see `c_functions`."""
 
+from __future__ import annotations
+
 import ast
 import inspect
 import math
 import textwrap
 from collections.abc import Sequence
 from operator import add, mul, sub, truediv
-from typing import Any, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 
 from icreckon.estimator.tracing.c_kernel import function_name, literal
-from icreckon.estimator.tracing.c_types import (
-    BOOL,
-    COMPLEX,
-    ELEMENTS,
-    INT,
-    NONE,
-    NUMBERS,
-    REAL,
-    Code,
-    Type,
-)
 
 LIBRARY = "icreckon."
 ARITHMETIC = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
@@ -31,6 +22,46 @@ OF_COMPLEX = {ast.Add: "sum", ast.Sub: "difference", ast.Mult: "product"}
 BESSEL = ("j0", "y0", "y1", "yn")
 RESERVED = ("new", "this", "real", "short", "long", "int", "float", "double", *BESSEL)
 OF_MATH = ("sqrt", "exp", "expm1", "cos", "sin", "atan2")
+
+
+class Type(NamedTuple):
+    """Type of a C expression."""
+
+    kind: str  # real, int, bool, complex, none, tuple, record or array
+    name: str = ""  # C name of a tuple or record; type of the elements of an array
+    fields: tuple[tuple[str, Type], ...] = ()  # names and types of the fields of a tuple or record
+    shape: tuple[int, ...] = ()  # sizes of an array
+
+    def field(self, name: str) -> Type:
+        """Type of a field."""
+        return dict(self.fields)[name]
+
+    @property
+    def c(self) -> str:
+        """Declaration in C, without the name."""
+        if self.kind == "array":
+            return f"{ELEMENTS[self.name]} *"
+        return f"{self.name} *" if self.kind == "record" else SCALARS.get(self.kind, self.name)
+
+
+SCALARS = {
+    "real": "real",
+    "int": "int64_t",
+    "bool": "bool",
+    "complex": "complex_number",
+    "none": "void",
+}
+ELEMENTS = {"real": "real", "int": "int64_t", "place": "const uint16_t"}
+REAL, INT, BOOL, COMPLEX, NONE = (Type(kind) for kind in SCALARS)
+NUMBERS = (BOOL, INT, REAL, COMPLEX)
+
+
+class Code(NamedTuple):
+    """C expression and its type; `value` is that of a constant."""
+
+    text: str
+    type: Type
+    value: Any = None
 
 
 class FunctionWriter:
