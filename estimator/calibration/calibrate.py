@@ -11,7 +11,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.calibration.assembly import as_fitted, assembled, with_difference
 from icreckon.estimator.calibration.common_values import with_common
-from icreckon.estimator.calibration.cross_validation import likeliest, validate
+from icreckon.estimator.calibration.cross_validation import validate
 from icreckon.estimator.calibration.fit import Fit, fit
 from icreckon.estimator.calibration.ground_forces import ground_forces
 from icreckon.estimator.calibration.models import MODELS, model_of
@@ -110,7 +110,8 @@ def calibrate(
         fits[name] = fit_again(name, first.by_name, frozenset())
         report_share(0.1 + 0.6 * (number + 1) / len(chosen))
     # The radii are the robot's, not a model's: a model that lacks an effect must not hide it in them.
-    radii = fits[likeliest(validate(fits))]
+    likeliest = max(validate(fits).scores, key=lambda score: score.log_likelihood)
+    radii = fits[likeliest.model]
     shared = with_difference(fits, radii.value("difference"), fit_again)
     comparison = validate(shared)
     report_share(0.9)

@@ -111,11 +111,6 @@ def _score(name: str, fit: Fit, sums: HeldOutSums, blocks: _Blocks) -> ModelScor
     )
 
 
-def likeliest(comparison: ModelComparison) -> str:
-    """Name of the model with the highest held-out likelihood."""
-    return max(comparison.scores, key=lambda score: score.log_likelihood).model
-
-
 def _jumped(fit: Fit) -> Flags:
     """Mask (n,) of segments whose truth jumped by its turning, which needs no model."""
     result = np.zeros(len(fit.problem.recording.log), dtype=bool)

@@ -117,13 +117,6 @@ def least_mismatch(fastest: float) -> float:
     return max(LEAST_MISMATCH, SHARE_OF_FASTEST * fastest)
 
 
-def side_with_less_load(force: float) -> int:
-    """Track with less load, by an averaged specific force to the left [m/s²]."""
-    if abs(force) < LEAST_FORCE:
-        return UNKNOWN
-    return LEFT if force > 0.0 else RIGHT
-
-
 def is_found(spin: SpinRecord) -> bool:
     """Return True while a track is found spinning."""
     return spin.way >= LEAST_SPIN_DISTANCE
@@ -155,8 +148,9 @@ def add_mismatch(
         spin.jumped = int(changed_side != UNKNOWN)
     if zero_side != UNKNOWN and not was_found:
         spin.side = zero_side
-    elif spin.side == UNKNOWN:
-        spin.side = side_with_less_load(spin.force)
+    elif spin.side == UNKNOWN and abs(spin.force) >= LEAST_FORCE:
+        # A force to the left loads the right track.
+        spin.side = LEFT if spin.force > 0.0 else RIGHT
     spin.mismatch, spin.newest = mismatch, stamp
     spin.way += abs(mismatch) * dt
 

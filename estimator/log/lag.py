@@ -100,12 +100,9 @@ def plain_path(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats) -> PoseS
 
 
 def find_lag(late: Curve, reference: Curve, *, least: float = 0.0) -> Lag | NoLag:
-    """Find the lag of a series behind a reference.
+    """Find the lag of a series behind a reference, perhaps in another unit or frame.
 
-    Args:
-        late: the series whose stamps may be late.
-        reference: the same motion, perhaps in another unit or frame.
-        least: least standard deviation of the reference's changes over the windows, in its unit.
+    The reference's changes over the windows need a standard deviation of `least`, in its unit.
 
     Returns:
         The lag, or the reason why there is none: too short, too little motion, no agreement at any lag,

@@ -295,13 +295,10 @@ def screen(
     is kept, so that one wrong stamp, ahead or behind, drops only that sample.
 
     Args:
-        stream: name used in the reasons.
+        stream: name used in the reasons, "stream: reason".
         stamps: (n,) stamps [ns] in order of arrival.
         values: arrays of n rows; every element must be finite.
         positive: array of n rows, every element finite and positive, or None.
-
-    Returns:
-        (n,) mask of samples to keep, and "stream: reason" -> count for each reason that occurred.
     """
     stamps = np.asarray(stamps, dtype=np.int64)
     count = len(stamps)

@@ -42,11 +42,7 @@ def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> st
     """Check the headings of a truth by the course of its path, and by a gyro.
 
     A robot that turns on the spot has a short path whose course shows little: headings that turn as the
-    gyro does are valid, too.
-
-    Args:
-        truth: a truth with headings.
-        gyro: stamps (n,) [ns] and yaw rates (n,) [rad/s] of the robot's gyro.
+    gyro does, with stamps [ns] and yaw rates (n,) [rad/s], are valid, too.
 
     Returns:
         The reason not to use them; None if they follow the path or the gyro, or the path is too short.
@@ -112,17 +108,11 @@ def _steps(places: Floats) -> Floats:
 
 
 def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | None:
-    """Find the headings of positions by a path of the same robot.
+    """Find the headings of positions by a path of the same robot, in any frame.
 
     Around each position the path is turned so that it fits the positions best (least squares). Where the
-    robot has hardly moved, the turn is interpolated between those before and after.
-
-    Args:
-        places: positions; their yaw is not used.
-        path: the path by dead reckoning, in any frame, over the same time.
-
-    Returns:
-        The headings, within the time of the path; None if the robot moves too little to see any.
+    robot has hardly moved, the turn is interpolated between those before and after. Headings are within
+    the time of the path; None if the robot moves too little to see any.
     """
     inside = (places.stamps >= path.stamps[0]) & (places.stamps <= path.stamps[-1])
     stamps = places.stamps[inside]

@@ -172,12 +172,8 @@ def usable_segments(
 ) -> tuple[Indexes, Indexes]:
     """Starts and ends (k,) of complete segments within an interval, without a gap.
 
-    Args:
-        stamps: (m,) stamps of the truth [ns].
-        first: (n,) indices of segment starts.
-        last: (n,) indices of segment ends, m or more for no end.
-        within: intervals of stamps [ns] that must contain a segment; None for everywhere.
-        largest_gap: segments across a longer gap are left out [s].
+    `first` and `last` (n,) are indices of stamps (m,) [ns], m or more for no end. One of the intervals
+    [ns] must contain a segment, None for everywhere; gaps are longer than `largest_gap` [s].
     """
     ends_inside = last < len(stamps)
     first, last = first[ends_inside], last[ends_inside]

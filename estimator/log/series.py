@@ -31,10 +31,9 @@ class TrackSpeedSeries:
     def __post_init__(self) -> None:
         _check_shape("speeds", self.stamps, self.speeds, (2,))
         for name in ("left_wheels", "right_wheels"):
+            # Any number of wheels, but a row of them for each stamp.
             wheels = getattr(self, name)
-            if wheels is not None:
-                # Any number of wheels, but a row of them for each stamp.
-                _check_shape(name, self.stamps, wheels, np.shape(wheels)[1:2] or (1,))
+            _check_shape(name, self.stamps, wheels, np.shape(wheels)[1:2] or (1,))
         if (self.left_wheels is None) != (self.right_wheels is None):
             raise EstimatorError("left_wheels and right_wheels go together, found one of them")
 
@@ -59,8 +58,7 @@ class ImuSeries:
 
     def __post_init__(self) -> None:
         _check_shape("angular_velocity", self.stamps, self.angular_velocity, (3,))
-        if self.linear_acceleration is not None:
-            _check_shape("linear_acceleration", self.stamps, self.linear_acceleration, (3,))
+        _check_shape("linear_acceleration", self.stamps, self.linear_acceleration, (3,))
 
 
 @dataclass(frozen=True)
@@ -77,8 +75,7 @@ class PoseSeries:
 
     def __post_init__(self) -> None:
         _check_shape("poses", self.stamps, self.poses, (3,))
-        if self.spatial is not None:
-            _check_shape("spatial", self.stamps, self.spatial, (3,))
+        _check_shape("spatial", self.stamps, self.spatial, (3,))
 
     @property
     def positions(self) -> Floats:
@@ -129,8 +126,7 @@ class FixSeries:
     def __post_init__(self) -> None:
         _check_shape("poses", self.stamps, self.poses, (3,))
         _check_shape("variances", self.stamps, self.variances, (2,))
-        if self.antennas is not None:
-            _check_shape("antennas", self.stamps, self.antennas, (2,))
+        _check_shape("antennas", self.stamps, self.antennas, (2,))
 
     @property
     def lever_arms(self) -> Floats:
@@ -186,8 +182,10 @@ def require_part(name: str, value: object, kind: type, *, or_none: bool = False)
     require_kind(name, value, kind, or_none=or_none, shown=False)
 
 
-def _check_shape(name: str, stamps: Stamps, values: Floats, width: tuple[int, ...]) -> None:
-    """Reject arrays that are no series: stamps (n,) in order, values (n, *width)."""
+def _check_shape(name: str, stamps: Stamps, values: Floats | None, width: tuple[int, ...]) -> None:
+    """Reject arrays that are no series: ordered stamps (n,), values (n, *width), None."""
+    if values is None:
+        return
     for field, array in (("stamps", stamps), (name, values)):
         if not isinstance(array, np.ndarray):
             raise EstimatorError(

@@ -77,11 +77,8 @@ def horizontal_projection(pitch_rate: float, gravity: Any) -> tuple[Any, float]:
     """Factors from a body velocity to its projection onto the horizontal.
 
     The heading is the direction of the body's projected x axis. The yaw rate is the kinematics of Euler
-    angles (Titterton and Weston, Strapdown Inertial Navigation Technology, section 3.6).
-
-    Args:
-        pitch_rate: angular rate of the body about its y axis [rad/s].
-        gravity: acceleration of gravity along the ground, forward and left [m/s²].
+    angles (Titterton and Weston, Strapdown Inertial Navigation Technology, section 3.6). The pitch rate
+    is in rad/s, gravity along the ground forward and left in m/s².
 
     Returns:
         Matrix (3, 3) from velocity forward, left and rate about the body's z axis to velocity along the

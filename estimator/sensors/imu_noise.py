@@ -164,14 +164,9 @@ def measured_noise(axis: AxisNoise) -> float:
 def assumed_noise(axis: AxisNoise, stated: float, factor: float, least: float) -> float:
     """Noise density of an axis that the filter assumes [unit²/Hz].
 
-    It is that of the robot file if the measured one agrees with it, and the measured one if that differs
-    clearly; it changes continuously between them.
-
-    Args:
-        axis: the axis, with its measured noise.
-        stated: noise density of the robot file [unit/√Hz].
-        factor: a measured noise that is larger by this factor counts.
-        least: least noise that counts, over that of the file; at 1 a smaller one does not.
+    It is that of the robot file, `stated` [unit/√Hz], if the measured one agrees with it, and the
+    measured one if that is larger by the factor, or clearly smaller; it changes continuously between
+    them. Noise below the share `least` of the file's does not count.
     """
     measured, density = measured_noise(axis), stated
     if measured > factor * stated:

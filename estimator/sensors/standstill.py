@@ -84,21 +84,16 @@ def quiet_mean(
 ) -> float:
     """Add a yaw-rate reading; return the mean of quiet readings at standstill.
 
+    It is NaN if the tracks move, readings have not been quiet for long enough, or their mean is no bias.
+
     Args:
         still: record, changed in place.
         stamps: buffer for stamps of readings [ns], as long as the readings of `duration_ns` and three.
-        rates: buffer of the same length for readings [rad/s].
+        rates: buffer of the same length for readings [rad/s]; `ValueError` if either is too short.
         stamp: stamp of the reading [ns].
         rate: the reading [rad/s], NaN if the gyro fails.
         noise: measured noise density of the gyro [rad/s/√Hz].
         settings: settings of the filter.
-
-    Returns:
-        The mean [rad/s]; NaN if the tracks move, readings have not been quiet for long enough, or their
-        mean is no bias.
-
-    Raises:
-        ValueError: the buffers are too short.
     """
     if still.stopped_since == NEVER or rate != rate:
         return math.nan

@@ -73,11 +73,8 @@ def work_through(
 ) -> Run:
     """Feed a log to a new estimator, and record its estimates.
 
-    Args:
-        log: the measurements; its truth is not used.
-        estimator: new estimator.
-        progress: called from time to time with the stamp that was reached [ns].
-        at_row: called after each row; measurements are then fed one by one.
+    `progress` is called from time to time with the stamp that was reached [ns], `at_row` after each row;
+    measurements are then fed one by one.
 
     Raises:
         EstimatorError: a log without track speeds.

@@ -111,12 +111,7 @@ def robot_constants(robot: Robot) -> dict[str, Any]:
 
 
 def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
-    """Write a saved estimator: a temporary file, moved into place.
-
-    Raises:
-        EstimatorError: the path exists and may not be replaced, the file cannot be written, or a number
-            is not finite.
-    """
+    """Write a saved estimator, moved into place whole; `EstimatorError` if that fails."""
     if path.exists() and not (overwrite and path.is_file()):
         raise EstimatorError(f"{path} exists already; give overwrite=True to replace a file")
     content = msgspec.to_builtins(saved, enc_hook=_to_plain)
@@ -139,11 +134,7 @@ def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
 
 
 def read_saved(path: Path) -> SavedEstimator:
-    """Read and check a saved estimator.
-
-    Raises:
-        EstimatorError: there is no such file, it is no saved estimator, of another version, or damaged.
-    """
+    """Read and check a saved estimator; `EstimatorError` if that fails."""
     try:
         document = msgspec.json.decode(path.read_bytes())
     except FileNotFoundError:

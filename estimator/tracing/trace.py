@@ -210,15 +210,10 @@ def repeat(
     a_round: Callable[..., tuple[Sequence[Any], Any]],
     most: int,
 ) -> list[Any]:
-    """Repeat a round while any lane needs one.
+    """Repeat a round while any lane needs one, up to a highest number of rounds.
 
     All lanes take part in each round, so `a_round` must not change the results of lanes that need none.
-
-    Args:
-        needed: truth value of each lane: it needs a first round.
-        initial: initial values.
-        a_round: function from the values to those after a round, and the truth value of another round.
-        most: highest number of rounds.
+    From the values it makes those after a round, and the truth value of another round.
 
     Returns:
         The final values, and the truth value of one more round.
