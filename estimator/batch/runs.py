@@ -74,13 +74,9 @@ def side_by_side(stamps: Stamps, worked: Worked) -> Trajectory:
     """Trajectory of all lanes (second axis) at the stamps (n,) of the ticks [ns]."""
     # Columns of `ESTIMATE`: pose, upper triangle of its covariance, twist, and that of the twist.
     rows = worked.estimates[: len(stamps)]
-    return Trajectory(
-        stamps,
-        np.moveaxis(rows[:, :3], 1, -1),
-        _symmetric(rows[:, 3:9]),
-        np.moveaxis(rows[:, 9:12], 1, -1),
-        _symmetric(rows[:, 12:18]),
-    )
+    poses, twists = np.moveaxis(rows[:, :3], 1, -1), np.moveaxis(rows[:, 9:12], 1, -1)
+    pose_covariances, twist_covariances = _symmetric(rows[:, 3:9]), _symmetric(rows[:, 12:18])
+    return Trajectory(stamps, poses, pose_covariances, twists, twist_covariances)
 
 
 def _symmetric(upper: Floats) -> Floats:

@@ -181,11 +181,8 @@ def _is_default(robot: Robot, name: str) -> bool:
     }  # fmt: skip
     table = tables.get(table_name)
     fields = () if table is None else msgspec.structs.fields(table)
-    key = MOUNTING_KEYS.get(key, key)
-    return any(
-        field.name == key and not field.required and getattr(table, key) == field.default
-        for field in fields
-    )
+    field = {field.name: field for field in fields}.get(MOUNTING_KEYS.get(key, key))
+    return bool(field and not field.required and getattr(table, field.name) == field.default)
 
 
 def _result_names(model: str, kept_indices: frozenset[str]) -> set[str]:

@@ -270,10 +270,8 @@ def record(
         turned[own] = np.interp(edges[own], motion.imu_times, motion.turned)
         ways = _interpolated(edges[own], motion.track_times, motion.track_ways)
         fastest_in[own] = np.abs(np.diff(ways, axis=1)).max(axis=(1, 2), initial=0.0)
-    fastest = max(
-        float(np.abs(np.diff(motion.track_ways, axis=0).T / np.diff(motion.track_times)).max())
-        for motion in motions
-    )
+    speeds = [np.diff(m.track_ways, axis=0).T / np.diff(m.track_times) for m in motions]
+    fastest = max(float(np.abs(of_motion).max()) for of_motion in speeds)
     moving = fastest_in * cells / length > STILL_SHARE * fastest
     _require_motion(motions, length, turned, moving)
     # A segment that follows another begins at the knot at which that ends; others have two new knots.

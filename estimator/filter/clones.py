@@ -79,12 +79,9 @@ class Clones(msgspec.Struct, frozen=True):
         cross = by_state @ P
         with_others = (_by_clone(self.cross) @ by_state.T).reshape(-1, 3)
         own = cross @ by_state.T
-        return Clones(
-            (*self.stamps, stamp),
-            np.vstack([self.poses, motion]),
-            np.vstack([self.cross, cross]),
-            np.block([[self.covariance, with_others], [with_others.T, 0.5 * (own + own.T)]]),
-        )
+        covariance = [[self.covariance, with_others], [with_others.T, 0.5 * (own + own.T)]]
+        poses, cross = np.vstack([self.poses, motion]), np.vstack([self.cross, cross])
+        return Clones((*self.stamps, stamp), poses, cross, np.block(covariance))
 
     def without(self, stamp: int) -> Clones | None:
         """Remove the clone of a stamp [ns], if there is one; None if none is left."""
@@ -92,12 +89,9 @@ class Clones(msgspec.Struct, frozen=True):
         if not keep:
             return None
         rows = (3 * np.array(keep)[:, None] + np.arange(3)).ravel()
-        return Clones(
-            tuple(self.stamps[index] for index in keep),
-            self.poses[keep],
-            self.cross[rows],
-            self.covariance[np.ix_(rows, rows)],
-        )
+        stamps = tuple(self.stamps[index] for index in keep)
+        covariance = self.covariance[np.ix_(rows, rows)]
+        return Clones(stamps, self.poses[keep], self.cross[rows], covariance)
 
     def moved(self, move: Moved) -> Clones:
         """Propagate over a step of the filter."""
@@ -115,12 +109,8 @@ class Clones(msgspec.Struct, frozen=True):
         half = half.transpose(0, 2, 1, 3).reshape(self.covariance.shape)
         covariance = _after_steps(_after_steps(self.covariance, steps).T, steps) + (half + half.T)
         cross = (_by_clone(carried) + with_state) @ F.T + turns @ Q[s.POSE]
-        return Clones(
-            self.stamps,
-            self.poses + steps,
-            cross.reshape(self.cross.shape),
-            0.5 * (covariance + covariance.T),
-        )
+        cross, covariance = cross.reshape(self.cross.shape), 0.5 * (covariance + covariance.T)
+        return Clones(self.stamps, self.poses + steps, cross, covariance)
 
     def renewed(self, states: slice | list[int] = s.FAST_SLIP) -> Clones:
         """Clear the correlation with replaced states: a new fast slip, or a lost pose."""

@@ -40,10 +40,8 @@ class SampleArrays(NamedTuple):
 
     def split(self, stamp: int) -> tuple[SampleArrays, SampleArrays]:
         """Samples up to a stamp [ns], and those after it."""
-        tracks, imu = (
-            int(np.searchsorted(stamps, stamp, "right"))
-            for stamps in (self.track_stamps, self.imu_stamps)
-        )
+        tracks = int(np.searchsorted(self.track_stamps, stamp, "right"))
+        imu = int(np.searchsorted(self.imu_stamps, stamp, "right"))
         # The first four fields are of the track speeds, the others of the IMU.
         up_to: Any = [*(array[:tracks] for array in self[:4]), *(array[:imu] for array in self[4:])]
         return SampleArrays(*up_to), self.after(tracks, imu)

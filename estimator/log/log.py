@@ -263,12 +263,9 @@ def _fixes(positions: list[PositionFix], headings: dict[int, HeadingFix]) -> Fix
     no_heading = HeadingFix(0, np.nan, np.nan)
     antennas = _array([(m.forward, m.left) for m in positions], 2)
     pairs = [(m, headings.get(m.stamp, no_heading)) for m in positions]
-    return FixSeries(
-        _stamps(positions),
-        _array([(m.x, m.y, heading.yaw) for m, heading in pairs], 3),
-        _array([(m.variance, heading.variance) for m, heading in pairs], 2),
-        antennas if antennas.any() else None,
-    )
+    poses = _array([(m.x, m.y, heading.yaw) for m, heading in pairs], 3)
+    variances = _array([(m.variance, heading.variance) for m, heading in pairs], 2)
+    return FixSeries(_stamps(positions), poses, variances, antennas if antennas.any() else None)
 
 
 def _stamps(measurements: list[Any]) -> Stamps:

@@ -126,12 +126,9 @@ def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | Non
     known, everywhere = np.flatnonzero(is_good), np.arange(len(stamps))
     turns = np.interp(everywhere, known, np.unwrap(turn[is_good]))
     sigmas = np.interp(everywhere, known, sigma[is_good])
-    return PathHeadings(
-        PoseSeries(stamps, np.column_stack([places.poses[inside, :2], yaw + turns])),
-        float(np.median(sigmas)),
-        float(sigmas[0]),
-        float(np.sqrt(np.median(variance[is_good]))),
-    )
+    poses = PoseSeries(stamps, np.column_stack([places.poses[inside, :2], yaw + turns]))
+    noise = float(np.sqrt(np.median(variance[is_good])))
+    return PathHeadings(poses, float(np.median(sigmas)), float(sigmas[0]), noise)
 
 
 def _turns(z: NDArray[Any], r: NDArray[Any]) -> tuple[Floats, Floats, Floats, Flags]:

@@ -121,12 +121,10 @@ def accelerometer_forecast(
     late = (ACCELERATION_DOUBT * ACCELERATION_DOUBT) * (dv * dv + turning * turning)
     by_left, by_right = by_axis[0] + lever * by_turning[0], by_axis[1] + lever * by_turning[1]
     noise = change.speed_variance * (by_left * by_left + by_right * by_right)
-    return Forecast(
-        dv + side * w * across + turning - w * w * along,
-        side * w,
-        side * across - 2.0 * w * along,
-        white + late + noise / (change.window * change.window),
-    )
+    predicted, by_across = dv + side * w * across + turning - w * w * along, side * w
+    by_w = side * across - 2.0 * w * along
+    variance = white + late + noise / (change.window * change.window)
+    return Forecast(predicted, by_across, by_w, variance)
 
 
 def shift(row: Floats, x: Floats, since: Floats) -> float:

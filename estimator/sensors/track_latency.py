@@ -190,15 +190,9 @@ class TrackLatencyEstimator:
 
     def memory(self) -> TrackLatencyMemory:
         """Checkpoint of the estimator."""
-        return TrackLatencyMemory(
-            self._origin,
-            np.array(self._blocks),
-            self._open.copy(),
-            self._turned,
-            self._next,
-            self._gyro.memory(),
-            self._tracks.memory(),
-        )
+        blocks, rates = np.array(self._blocks), (self._gyro.memory(), self._tracks.memory())
+        in_progress = self._open.copy(), self._turned, self._next
+        return TrackLatencyMemory(self._origin, blocks, *in_progress, *rates)
 
     def recall(self, memory: TrackLatencyMemory) -> None:
         """Restore a checkpoint."""

@@ -70,11 +70,8 @@ def loss_of(run: Run, start: int) -> LostFilter | None:
         return LostFilter(run.variant, f"no track speeds were used{suffix}")
     # The root of a negative variance is NaN.
     sigmas = run.state_sigmas
-    kinds = loss_kinds(
-        run.trajectory,
-        finite=np.isfinite(run.states).all(axis=1) & ~np.isinf(sigmas).any(axis=1),
-        negative=np.isnan(sigmas).any(axis=1),
-    )
+    finite = np.isfinite(run.states).all(axis=1) & ~np.isinf(sigmas).any(axis=1)
+    kinds = loss_kinds(run.trajectory, finite=finite, negative=np.isnan(sigmas).any(axis=1))
     lost_rows = np.flatnonzero(kinds)
     if not len(lost_rows):
         sums = {name: sensor.nis_sum for name, sensor in run.health.sensors.items()}

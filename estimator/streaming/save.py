@@ -43,15 +43,9 @@ SHORT = 120  # objects of up to this many characters are written on one line of 
 UNUSED = ("log", "note", "format")  # keys of a robot file that an estimator does not depend on
 # Keys of a robot file that learnt parameters, scales and biases depend on; the others are noise.
 LEARNT_FROM = (
-    "name",
-    "vehicle",
-    "indices",
-    "constant_icr",
-    "soil",
-    "imu.rotation_rpy_deg",
-    "imu.gyro_axes",
-    "imu.gyro_scale",
-)
+    "name", "vehicle", "indices", "constant_icr", "soil",
+    "imu.rotation_rpy_deg", "imu.gyro_axes", "imu.gyro_scale",
+)  # fmt: skip
 # Largest value of a state, in its unit, and largest variance.
 LARGEST_STATE, LARGEST_VARIANCE = 1e15, 1e40
 # Least eigenvalue of the correlations, largest asymmetry, and largest covariance of an exact state:

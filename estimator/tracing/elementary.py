@@ -73,10 +73,8 @@ def sine_and_cosine(angle: Any) -> tuple[Any, Any]:
     fourth = quadrant - 4.0 * rounded(quadrant * 0.25 - 0.375)  # number of the quadrant, 0 to 3
     swaps = (fourth == 1.0) | (fourth == 3.0)
     sine, cosine = select(swaps, cosine, sine), select(swaps, sine, cosine)
-    return (
-        select(fourth >= 2.0, -sine, sine),
-        select((fourth == 1.0) | (fourth == 2.0), -cosine, cosine),
-    )
+    sine = select(fourth >= 2.0, -sine, sine)
+    return sine, select((fourth == 1.0) | (fourth == 2.0), -cosine, cosine)
 
 
 _FUNCTIONS = SimpleNamespace(
