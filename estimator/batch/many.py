@@ -78,8 +78,6 @@ def run_many(
         (worked,) = work_through_runs([filters], [measured.of_runs(group)], steps, **poses)
         path = side_by_side(ticks, worked)
         arrays = path.poses, path.pose_covariances, path.twists, path.twist_covariances
-        trajectories += [
-            Trajectory(ticks, *(array[:, lane] for array in arrays))
-            for lane in range(min(filters.width, len(logs) - first))
-        ]
+        lanes = range(min(filters.width, len(logs) - first))
+        trajectories += [Trajectory(ticks, *(array[:, k] for array in arrays)) for k in lanes]
     return trajectories

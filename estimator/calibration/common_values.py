@@ -50,9 +50,7 @@ class CommonBias(NamedTuple):
     """Gyro bias of all logs, of the rate after its scale is corrected [rad/s]."""
 
     mean: float  # mean over the logs
-    # standard error of that mean, by the logs' own errors and by how much they differ; None if no log
-    # shows the bias
-    error: float | None
+    error: float | None  # standard error of that mean; None if no log shows the bias
     written: float  # initial bias for the robot file
     sigma: float  # its standard deviation, for another log
 

@@ -74,10 +74,8 @@ class Model:
 
         def in_rep103(rows: Any) -> Floats:
             """Array (..., 3, c) forward, left, yaw of three rows of c entries in paper axes."""
-            right, forward, yaw = (
-                np.stack([np.broadcast_to(entry, V_l.shape) for entry in row], axis=-1)
-                for row in rows
-            )
+            whole = [[np.broadcast_to(entry, V_l.shape) for entry in row] for row in rows]
+            right, forward, yaw = (np.stack(entries, axis=-1) for entries in whole)
             return np.stack([forward, -right, yaw], axis=-2)
 
         by_parameters = in_rep103(by.by_parameters)[..., list(self.places)]

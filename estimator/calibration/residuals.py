@@ -47,8 +47,7 @@ class Problem:
 
     recording: Recording  # the segments
     model: Model  # the motion model
-    # everything that may be free: common ones, those of each log (named "name[log]"), those of the
-    # model
+    # all that may be free: common ones, those of each log (named "name[log]"), those of the model
     parameters: tuple[Parameter, ...]
     imu_position: tuple[float, float]  # position of the IMU in base_link, forward and left [m]
     force: bool  # True if the specific force is used
@@ -308,10 +307,8 @@ def problem_of(
             Parameter(f"offset_left[{log}]", "m/s²", 0.0, 0.5, 87),
         ]
     if lever_arm is None and not (force and imu_place_known):
-        own = [
-            p._replace(threshold=0.0) if p.name in PLACING_PARAMETERS else p
-            for p in model.parameters
-        ]
+        held = {p for p in model.parameters if p.name in PLACING_PARAMETERS}
+        own = (p._replace(threshold=0.0) if p in held else p for p in model.parameters)
         model = replace(model, parameters=tuple(own))
     x, y, _ = robot.imu.position
     return Problem(recording, model, (*common, *model.parameters), (x, y), force)

@@ -46,8 +46,7 @@ class WheelsRecord(msgspec.Struct):
     decided: Stamp = NEVER  # stamp of the last certainty which is right [ns], or NEVER
     # index of the wheel that is not used, or `NO_WHEEL`
     odd: Annotated[int, msgspec.Meta(ge=NO_WHEEL)] = NO_WHEEL
-    # distance of that wheel from the speed of the side, or else of the two speeds that are possible
-    # from their mean [m/s]
+    # distance of that wheel from the side's speed, or else of both possible speeds from their mean [m/s]
     apart: Size = 0.0
     doubt: Size = 0.0  # standard deviation of the side's speed by that uncertainty [m/s]
     way: Size = 0.0  # distance by which the wheels have disagreed [m]

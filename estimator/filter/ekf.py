@@ -168,8 +168,7 @@ class Ekf:
     def renew_fast_slip(self, covariance: Floats) -> None:
         """Begin a step with a new, independent fast slip of a covariance (3, 3)."""
         self.x[s.FAST_SLIP] = 0.0
-        self.P[s.FAST_SLIP, :] = 0.0
-        self.P[:, s.FAST_SLIP] = 0.0
+        self.P[s.FAST_SLIP, :] = self.P[:, s.FAST_SLIP] = 0.0
         self.P[s.FAST_SLIP, s.FAST_SLIP] = covariance
         self.renewed(covariance)
 
@@ -181,8 +180,7 @@ class Ekf:
         states = replaced_states(covariance)
         self.x[states] = 0.0
         self.x[s.POSE] = pose
-        self.P[states, :] = 0.0
-        self.P[:, states] = 0.0
+        self.P[states, :] = self.P[:, states] = 0.0
         self.P[np.ix_(states, states)] = covariance
         if self.clones is not None:
             self.clones = self.clones.renewed(states)

@@ -174,14 +174,12 @@ def gates_of(
 
     Gates of the IMU have their counts in `records`; those of others are made by `make_record`.
     """
-    return {
-        name: Gate(
-            len(names),
-            imu_patience(settings) if name in records else settings.patience,
-            records.get(name) or make_record(GateRecord()),
-        )
-        for name, names in components.items()
-    }
+    gates = {}
+    for name, component_names in components.items():
+        patience = imu_patience(settings) if name in records else settings.patience
+        counts = records.get(name) or make_record(GateRecord())
+        gates[name] = Gate(len(component_names), patience, counts)
+    return gates
 
 
 def imu_patience(settings: GateSettings) -> float:

@@ -71,13 +71,11 @@ class RunRows(NamedTuple):
     twists: Floats  # (n, 3) v_x, v_y [m/s], w [rad/s]
     twist_covariances: Floats  # (n, 3, 3) their covariances
     indices: Floats  # (n, 3) zeta [m], epsilon [m], eta [-]
-    # (n, 3) newest normalised innovation of each gate of the IMU since the row before, NaN if there was
-    # none
+    # (n, 3) newest normalised innovation of each gate of the IMU since the row before, or NaN
     innovations: Floats
     faults: Flags  # (n, k) 1 for each fault that lasts, see `FAULT_COLUMNS`
     judged: Stamps  # (3,) stamps of those in the newest row that has one [ns]
-    # (4,) number of filled rows, stamp of the newest [ns], 1 if one is due, stamp of the newest
-    # measurement [ns]
+    # (4,) number of filled rows, stamp of the newest [ns], 1 if one is due, newest measurement [ns]
     progress: Stamps
 
 

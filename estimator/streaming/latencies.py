@@ -120,8 +120,7 @@ class StampCorrection:
         self, latencies: Latencies, estimated: float = 0.0, memory: TrackLatencyMemory | None = None
     ) -> None:
         self.latencies, self.estimated = latencies, estimated
-        # Samples that the estimator has not taken yet, of the difference of the track speeds and of the
-        # yaw rate, and their number.
+        # Samples of track-speed difference and yaw rate that the estimator has not taken; their number.
         self._track_parts, self._gyro_parts = list[RateSamples](), list[RateSamples]()
         self._waiting_samples = 0
         self._estimator = track_latency.TrackLatencyEstimator()
