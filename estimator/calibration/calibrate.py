@@ -83,9 +83,8 @@ def calibrate(
     if not logs:
         raise EstimatorError("no log to calibrate from; give one or more")
     if not SHORTEST <= segment <= LONGEST:
-        raise EstimatorError(
-            f"segments must be {SHORTEST:g} to {LONGEST:g} s long, found {segment!r}"
-        )
+        limits = f"{SHORTEST:g} to {LONGEST:g} s"
+        raise EstimatorError(f"segments must be {limits} long, found {segment!r}")
     report_share = progress or (lambda _: None)
     _check_logs(logs, robot)
     headed = [_with_headings(log, robot) for log in logs]

@@ -32,8 +32,7 @@ def _sigma_of_other_logs(
 def written_difference(robot: Robot, radii: Fit) -> tuple[float, str]:
     """Difference of the radii for the robot file [-], and a note on its reason.
 
-    The file's value stays, unless the logs contradict it; if the new one is within its error of zero, it
-    is zero.
+    The file's value stays, unless the logs contradict it; one within its error of zero is zero.
     """
     before = robot.tracks.difference
     value, sigma = radii.value("difference"), radii.sigma("difference")
@@ -201,9 +200,8 @@ def _sigma_over_logs(main: Fit, name: str, file_sigma: float) -> float:
 
 def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floats]:
     """Roll, pitch, yaw of the IMU [deg], corrected where significant, and as a matrix."""
-    roll, pitch, yaw = (
-        turn if abs(turn) > CERTAIN * error else 0.0 for turn, error in mounting_turns(main)
-    )
+    turns = mounting_turns(main)
+    roll, pitch, yaw = (turn if abs(turn) > CERTAIN * error else 0.0 for turn, error in turns)
     turned = rpy_to_matrix(roll, pitch, yaw) @ robot.imu_rotation
     roll, pitch, yaw = np.degrees(matrix_to_rpy(turned)).tolist()
     return (roll, pitch, yaw), turned

@@ -75,14 +75,13 @@ def validate(fits: Mapping[str, Fit]) -> ModelComparison:
         drawn=np.random.default_rng(SEED).integers(0, count, (DRAWS, count)),
     )
     sums = {name: _held_out(fit, windows, window_blocks) for name, fit in fits.items()}
-    names = list(sums)
     differences = {}
-    for other, name in combinations(names, 2):
+    for other, name in combinations(sums, 2):
         drift = blocks.drift(sums[name].error - sums[other].error)
         gain = blocks.likelihood(sums[name].likelihood - sums[other].likelihood)
         differences[name, other] = Difference(name, other, *drift, *gain)
-    supported = names[0]
-    for name in names[1:]:
+    supported, *later = sums
+    for name in later:
         # Each later model replaces the one chosen so far if it is significantly better than that.
         if differences[name, supported].drift_high < 0.0:
             supported = name

@@ -69,9 +69,8 @@ class Fit:
     def not_contradicted(self, names: Iterable[str]) -> frozenset[str]:
         """Find parameters whose start, the robot file's value, the logs do not contradict.
 
-        Beginning with the one that is the most standard errors off, parameters that are not held are left
-        out until chance explains how far the others are off, each alone and all together (Wald's test at
-        1 %).
+        Beginning with the one that is the most standard errors off, they are left out until chance
+        explains how far the others are off, each alone and all together (Wald's test at 1 %).
         """
         from scipy.special import chdtri
 

@@ -68,9 +68,8 @@ class Model:
         vehicle = self.vehicle._replace(rolling_resistance=0.0)
         V_l, V_r = speeds[..., 0], speeds[..., 1]
         memory = (vehicle.mass * forces[..., 0], 0.0, GRAVITY * forces[..., 1], 1.0)
-        motion, by = linearise(
-            V_l, V_r, self.all_parameters(values), NO_SLIP, LEVEL, vehicle, memory
-        )
+        parameters = self.all_parameters(values)
+        motion, by = linearise(V_l, V_r, parameters, NO_SLIP, LEVEL, vehicle, memory)
 
         def in_rep103(rows: Any) -> Floats:
             """Array (..., 3, c) forward, left, yaw of three rows of c entries in paper axes."""

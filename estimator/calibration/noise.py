@@ -8,6 +8,7 @@ Taylor, Robust statistical modeling using the t distribution, JASA 84, 1989).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import lgamma
 
 import numpy as np
 
@@ -143,8 +144,6 @@ def t_weights(residuals: Floats, variances: Floats) -> Floats:
 
 def log_density(residuals: Floats, variances: Floats) -> Floats:
     """Log density (r,) under Student's t, whose squared scales are the variances."""
-    from math import lgamma
-
     constant = lgamma(0.5 * (FREEDOM + 1)) - lgamma(0.5 * FREEDOM)
     constant -= 0.5 * np.log(FREEDOM * np.pi)
     squared = residuals**2 / variances

@@ -90,9 +90,8 @@ class Recording:
     def speeds(self, latency: float) -> Floats:
         """Mean track speeds (n, m, 2) of each cell [m/s], corrected for a latency [s]."""
         series = [(motion.track_times, motion.track_ways) for motion in self.motions]
-        return np.asarray(
-            np.diff(self._interpolate(self.edges + latency, series), axis=1) / self.cell
-        )
+        ways = self._interpolate(self.edges + latency, series)
+        return np.asarray(np.diff(ways, axis=1) / self.cell)
 
     def ground_forces(self) -> Floats:
         """Forces (n, m, 2) at middles of cells: S over mass [m/s²], P [-]; first zero."""

@@ -224,11 +224,11 @@ def take_side(
 def wheel_density(side: WheelsRecord, newest: int, start: int, end: int) -> float:
     """Error density of a side in doubt, over a step from start to end [ns] [m²/s].
 
-    The distance is off by the doubt times its duration, at one standard deviation. It is zero unless the
-    wheels disagree in the `newest` track speeds [ns].
+    It is zero unless the wheels disagree in the `newest` track speeds [ns].
     """
     if side.doubt == 0.0 or side.newest != newest or newest == NEVER:
         return 0.0
     since = max(side.since, side.decided)
+    # The distance is off by the doubt times its duration, at one standard deviation.
     age = max(0.0, 0.5 * (start - since + end - since) * NANOSECOND)
     return 2.0 * side.doubt * side.doubt * age

@@ -20,8 +20,6 @@ SUSPICIOUS = 5  # different readings of the other track from which repetition is
 UNUSUAL_FACTOR = 3.0  # repetition is unusual from this multiple of the longest before
 # Least time of a repetition of both [s]; and change at its end that shows a steady speed [m/s].
 LEAST_FROZEN_TIME, STEADY_CHANGE = 1.0, 0.1
-
-
 OfOther = Annotated[list[float], msgspec.Meta(min_length=OTHER_READINGS, max_length=OTHER_READINGS)]
 
 

@@ -101,9 +101,8 @@ class Clones(msgspec.Struct, frozen=True):
         by_state, with_state = turns @ move.by_state, turns @ move.with_state
         carried = _after_steps(self.cross, steps)
         # Half of what the step adds to the covariance; the other half is its transpose.
-        with_step = np.concatenate(
-            [_by_clone(carried) + 0.5 * with_state, turns @ (0.5 * Q[s.POSE, s.POSE])], 2
-        )
+        with_noise = turns @ (0.5 * Q[s.POSE, s.POSE])
+        with_step = np.concatenate([_by_clone(carried) + 0.5 * with_state, with_noise], 2)
         by_step = np.concatenate([by_state, turns], 2)
         half = with_step[:, None] @ by_step.transpose(0, 2, 1)
         half = half.transpose(0, 2, 1, 3).reshape(self.covariance.shape)
@@ -189,9 +188,8 @@ class Clones(msgspec.Struct, frozen=True):
     def place(self, stamp: int) -> int:
         """Index of the clone of a stamp [ns]; `EstimatorError` if there is none."""
         if stamp not in self.stamps:
-            raise EstimatorError(
-                f"there is no mark at {stamp}; there are marks at {list(self.stamps)}"
-            )
+            marks = list(self.stamps)
+            raise EstimatorError(f"there is no mark at {stamp}; there are marks at {marks}")
         return self.stamps.index(stamp)
 
 

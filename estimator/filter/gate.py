@@ -103,8 +103,7 @@ class Gate:
     def judge(self, nis: float, interval: float, patience: float | None = None) -> int:
         """Return the verdict on a normalised innovation squared, and count it.
 
-        A rejection counts `interval` [s]; after `patience` [s] of them, by default the gate's, it is
-        re-acquired.
+        A rejection counts `interval` [s]; re-acquisition is after `patience` [s], by default the gate's.
         """
         counts, verdict = self.counts, ADMITTED
         if not nis <= self.threshold:

@@ -244,9 +244,8 @@ def _tracks(speeds: list[TrackSpeeds]) -> TrackSpeedSeries:
         )
     ((left, right),) = counts  # the only one
     left_wheels = _array([m.left_wheels for m in speeds], left)
-    return TrackSpeedSeries(
-        stamps, means, left_wheels, _array([m.right_wheels for m in speeds], right)
-    )
+    right_wheels = _array([m.right_wheels for m in speeds], right)
+    return TrackSpeedSeries(stamps, means, left_wheels, right_wheels)
 
 
 def _imu(samples: list[ImuSample]) -> ImuSeries:

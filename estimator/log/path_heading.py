@@ -81,9 +81,8 @@ def _turns_like(poses: PoseSeries, stamps: Stamps, rates: Floats) -> bool:
     if len(ends) <= FEWEST_STEPS:
         return False
     angles = (stamps, running_integral(stamps, rates)), (poses.stamps, np.unwrap(poses.poses[:, 2]))
-    by_gyro, by_truth = (
-        np.diff(interpolate(known, angle[:, None], ends)[:, 0]) for known, angle in angles
-    )
+    at_ends = [interpolate(known, angle[:, None], ends)[:, 0] for known, angle in angles]
+    by_gyro, by_truth = np.diff(at_ends, axis=1)
     apart = by_truth - by_gyro
     is_enough = np.abs(by_gyro).sum() >= LEAST_TURNING
     return bool(is_enough and apart @ apart < MOST_APART * float(by_gyro @ by_gyro))

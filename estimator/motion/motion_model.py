@@ -147,9 +147,6 @@ class Unremembering:
         """Begin a step, as in `MotionModel`."""
 
 
-# Comparisons use the real part only, so that a complex step passes through.
-
-
 def sign(x: Number) -> Number:
     """Sign of the real part: -1, 0 or 1."""
     return 1.0 * (x.real > 0.0) - 1.0 * (x.real < 0.0)

@@ -147,10 +147,8 @@ def take_motion(
     if width == 0.0:
         width = settings.track_width
     turning, turning_before = spin.right - spin.left, held.smooth_right - held.smooth_left
-    gyro_range, acceleration = settings.gyro_range, settings.yaw_acceleration
-    rate = watch_gyro(
-        held.gyro, stamp, rate, reading, turning, width, turning_before, gyro_range, acceleration
-    )
+    limits = settings.gyro_range, settings.yaw_acceleration
+    rate = watch_gyro(held.gyro, stamp, rate, reading, turning, width, turning_before, *limits)
     if rate != rate or stamp - held.stamp > settings.hold_ns:
         return rate
     watch_slide(held.forward, stamp, force_x, 0.5 * (held.left + held.right))

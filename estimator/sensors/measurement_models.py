@@ -95,12 +95,7 @@ class FixModel(MeasurementModel, Generic[M]):
     standing: ClassVar[bool] = False  # the robot stands while it is measured
 
     def linearise(self, measurement: M, predicted: Prediction) -> Linearised:
-        """Compare a measurement with its prediction.
-
-        Args:
-            measurement: the measurement.
-            predicted: pose or twist at its stamp, as `predicts` names it.
-        """
+        """Compare a measurement with its prediction, a pose, twist or height."""
         raise NotImplementedError
 
 
@@ -142,9 +137,8 @@ class Height(FixModel[HeightFix]):
 
     def linearise(self, measurement: HeightFix, predicted: Prediction) -> Linearised:
         """Compare the height with the predicted one."""
-        return Linearised(
-            measurement.z - predicted.values, predicted.H, predicted.R + measurement.variance
-        )
+        R = predicted.R + measurement.variance
+        return Linearised(measurement.z - predicted.values, predicted.H, R)
 
 
 class BodyTwist(FixModel[BodyVelocity]):

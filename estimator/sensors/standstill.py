@@ -185,14 +185,11 @@ def is_carried(still: StandstillRecord) -> bool:
 
 
 def carried_density(still: StandstillRecord, start: int, end: int) -> float:
-    """Error density of a carried robot's velocity over a step [ns] [m²/s].
-
-    Nothing shows where it goes: the distance is off by `CARRIED_SPEED` times the duration, at one
-    standard deviation.
-    """
+    """Error density of a carried robot's velocity over a step [ns] [m²/s]."""
     since = still.restless_since
     if not is_carried(still):
         return 0.0
+    # The distance is off by the speed times its duration, at one standard deviation.
     age = max(0.0, 0.5 * (start - since + end - since) * NANOSECOND)
     return 2.0 * CARRIED_SPEED * CARRIED_SPEED * age
 

@@ -64,8 +64,8 @@ class Snapshot(NamedTuple):
     @property
     def twist3d(self) -> Twist3d:
         """Velocity with the rates of roll and pitch."""
-        rates, rates_P = self.tilt_rates, self.tilt_rate_covariance
-        return twist3d_of(self.twist, self.twist_covariance, rates, rates_P)
+        tilt = self.tilt_rates, self.tilt_rate_covariance
+        return twist3d_of(self.twist, self.twist_covariance, *tilt)
 
 
 class PredictedPose(NamedTuple):

@@ -68,7 +68,7 @@ class Reckoning:
         variant: the filter variant.
         settings: settings that are no property of the robot.
         start: pose at the first track speeds: x, y [m], yaw [rad].
-        start_sigma: its standard deviations [m, m, rad].
+        spread: its standard deviations [m, m, rad].
 
     Attributes:
         ekf: the extended Kalman filter.
@@ -80,16 +80,11 @@ class Reckoning:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        variant: Variant,
-        settings: Settings,
-        start: Vector3,
-        start_sigma: Vector3,
+        self, robot: Robot, variant: Variant, settings: Settings, start: Vector3, spread: Vector3
     ) -> None:
         model, state, sigmas, self._disturbances = assumptions(robot, variant, settings)
         self.parameter_sigmas = sigmas[s.PARAMETERS].copy()
-        state[s.POSE], sigmas[s.POSE] = start, start_sigma
+        state[s.POSE], sigmas[s.POSE] = start, spread
         self.ekf = Ekf(model)
         self.ekf.x = state
         self.ekf.P = np.diag(sigmas**2)
@@ -233,11 +228,7 @@ class Reckoning:
         return np.column_stack([now, start, excitation.max(axis=0)])
 
     def slip_sigma(self, *, pushed: bool | None = None) -> Vector3:
-        """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
-
-        Args:
-            pushed: the robot may be turning with its tracks at rest; None to decide by the inputs.
-        """
+        """Standard deviation of the slip [m/s, m/s, rad/s]; `pushed` by inputs if None."""
         record = self.record
         eta = self.ekf.model.steering_efficiency(self.ekf.x[s.PARAMETERS])
         if pushed is None:

@@ -87,9 +87,8 @@ def work_through(
     feeding = _Feeding(log, estimator, progress, at_row)
     samples = sample_arrays.samples_of(log)
     fastest = estimator.robot.vehicle.max_track_speed
-    is_plain = (
-        at_row is None and sample_arrays.are_in_order(samples) and not estimator.has_own_faults
-    )
+    is_plain = at_row is None and not estimator.has_own_faults
+    is_plain = is_plain and sample_arrays.are_in_order(samples)
     # NaN is found afterwards, see `icreckon.estimator.streaming.lost`.
     with np.errstate(all="ignore"):
         if (
@@ -199,8 +198,7 @@ class _Feeding:
 class InnovationRows:
     """Normalised innovations of at most `most` rows of a run, filled row by row.
 
-    A row has the newest innovation of each sensor since the row before, of rejected measurements too, and
-    NaN if there was none.
+    A row has the newest one of each sensor since the row before, even if it was rejected, or NaN.
     """
 
     def __init__(self, most: int) -> None:

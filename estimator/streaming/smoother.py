@@ -292,9 +292,8 @@ class _Tape:
         if count:
             poses, anchor = rows.arrays.states[:, s.POSE], min(self._row_of_fix, count - 1)
             poses[:] = unstretched(filtered.trajectory.poses, poses, anchor)
-        return rows.finish(
-            count, filtered.variant + SMOOTHED, filtered.state_names, filtered.health
-        )
+        name = filtered.variant + SMOOTHED
+        return rows.finish(count, name, filtered.state_names, filtered.health)
 
 
 def unstretched(filtered: Floats, smoothed: Floats, anchor: int) -> Floats:

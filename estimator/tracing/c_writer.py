@@ -228,10 +228,8 @@ class FunctionWriter:
             # All values before the first assignment, as in a swap.
             values = []
             for element in value.elts:
-                code = self._code(element)
-                values.append(
-                    code if isinstance(element, ast.Constant) else self._in_variable(code)
-                )
+                code, is_constant = self._code(element), isinstance(element, ast.Constant)
+                values.append(code if is_constant else self._in_variable(code))
             for target, code in zip(first.elts, values, strict=True):
                 self._store(target, code)
         elif isinstance(first, ast.Tuple):

@@ -25,8 +25,6 @@ HALF_PI = {
     64: (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21),
     32: (1.5703125, 4.837512969970703125e-4, 7.549789954891882e-8),
 }
-
-
 # ln 2 in two parts, of which the first has 32 bits (16 in single precision), and the number of terms of
 # the series on -ln 2 / 2 to ln 2 / 2.
 LN_2 = {

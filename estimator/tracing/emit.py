@@ -20,6 +20,7 @@ LOOSE = ("contract",)
 # A number of the workspace is loaded again after this many operations. The machine has too few registers
 # for all numbers, and a copy on the stack would cost a write as well.
 RELOAD_AFTER = 150
+INTRINSICS = {"sqrt": "llvm.sqrt", "abs": "llvm.fabs", "round": "llvm.rint"}
 MIDDLE_ROW = 128  # rows are counted from this one: near ones have shorter instructions
 
 
@@ -259,6 +260,3 @@ class _Emitter:
         for node in sorted(nodes, key=IN_ORDER):
             if node.op == "loop" and reachable([node], with_bodies=True).isdisjoint(varying):
                 self._compute(node)
-
-
-INTRINSICS = {"sqrt": "llvm.sqrt", "abs": "llvm.fabs", "round": "llvm.rint"}

@@ -23,6 +23,13 @@ import numpy as np
 
 IN_ORDER = operator.attrgetter("number")  # order in which numbers were made
 COMMUTATIVE = {"add", "mul", "and", "or"}  # operations whose arguments may be exchanged
+RELATIONS: dict[str, Callable[[float, float], bool]] = {
+    ">": operator.gt,
+    ">=": operator.ge,
+    "<": operator.lt,
+    "<=": operator.le,
+    "==": operator.eq,
+}
 Operator: TypeAlias = "Callable[[Traced, Any], Traced]"
 
 
@@ -412,12 +419,3 @@ def _logical(op: str, a: Any, b: Any) -> Traced:
             decides = (constant.constant == 0.0) == (op == "and")
             return cast(Traced, constant if decides else other)
     return _make(op, (a, b), truth=True)
-
-
-RELATIONS: dict[str, Callable[[float, float], bool]] = {
-    ">": operator.gt,
-    ">=": operator.ge,
-    "<": operator.lt,
-    "<=": operator.le,
-    "==": operator.eq,
-}
