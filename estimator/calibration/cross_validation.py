@@ -111,7 +111,7 @@ def _score(name: str, fit: Fit, sums: HeldOutSums, blocks: _Blocks) -> ModelScor
 
 
 def _jumped(fit: Fit) -> Flags:
-    """Mask (n,) of segments whose truth jumped by its turning, which needs no model."""
+    """Mask (n,) of segments whose truth turned too unlike the gyro: it jumped."""
     result = np.zeros(len(fit.problem.recording.log), dtype=bool)
     for channel, weight in zip(fit.noise.channels, fit.noise.weights, strict=True):
         if channel.name == "yaw":

@@ -13,7 +13,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Index
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import relative
 from icreckon.estimator.calibration.ground_forces import GroundForces
-from icreckon.estimator.log import lag as lags
+from icreckon.estimator.log import lag as log_lag
 from icreckon.estimator.log.lag import Curve, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import even_grid
@@ -94,7 +94,7 @@ class Recording:
         return np.asarray(np.diff(ways, axis=1) / self.cell)
 
     def ground_forces(self) -> Floats:
-        """Forces (n, m, 2) at middles of cells: S over mass [m/s²], P [-]; first zero."""
+        """Forces (n, m, 2) at middles of cells: S over mass [m/s²], P [-]; zero if unset."""
         middles = 0.5 * (self.edges[:, 1:] + self.edges[:, :-1])
         series: list[Series | None] = [None] * len(self.motions)
         for log, motion in enumerate(self.motions):
@@ -104,7 +104,7 @@ class Recording:
         return self._interpolate(middles, series)
 
     def mean_force(self, marks: Indexes) -> Floats:
-        """Mean specific force (n, b, 2) between middles of cells; zero without one [m/s²]."""
+        """Mean specific force (n, b, 2) between marked cells [m/s²]; zero without one."""
         times = 0.5 * (self.edges[:, marks] + self.edges[:, marks + 1])
         pairs = [(motion.imu_times, motion.pushed) for motion in self.motions]
         series = [None if pushed is None else (at, pushed) for at, pushed in pairs]
@@ -126,7 +126,7 @@ class Recording:
         It is the weighted mean of the truth poses near a knot, carried over to it by dead reckoning.
 
         Returns:
-                Position (k, 2) [m], rotation matrix (k, 2, 2) by its mean yaw, and yaw (k,) [rad].
+            Position (k, 2) [m], mean rotation matrix (k, 2, 2) by the yaw, and yaw (k,) [rad].
         """
         # Columns: x, y [m], cosine and sine of the yaw, yaw [rad].
         means = np.zeros((len(self.knot_times), 5))
@@ -194,8 +194,9 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     track_steps = np.diff(track_times)[:, None] * log.tracks.speeds[1:]
     # The scale of the gyro is estimated: that of the file, which is in the mounting, is removed.
     by_gyros = robot.imu.gyro_scale * SensorModels(robot).mounting[0]
-    gyro, heading = lags.turned(imu.stamps, imu.angular_velocity @ by_gyros), lags.heading_of(poses)
-    found_lag = lags.find_lag(heading, gyro, least=lags.LEAST_TURN)
+    gyro = log_lag.turned(imu.stamps, imu.angular_velocity @ by_gyros)
+    heading = log_lag.heading_of(poses)
+    found_lag = log_lag.find_lag(heading, gyro, least=log_lag.LEAST_TURN)
     no_lag = found_lag if isinstance(found_lag, NoLag) else None
     lag = 0.0 if isinstance(found_lag, NoLag) else found_lag.seconds
     return Motion(
@@ -343,7 +344,7 @@ def _too_short(motions: Sequence[Motion], found: int, length: float) -> Estimato
 
 
 def _blocks(log: Indexes, moving: Flags) -> Indexes:
-    """Contiguous block (n,) of each segment, of one log, with as many moving ones."""
+    """Block (n,) of each segment: contiguous, of one log, alike in moving segments."""
     size = int(np.clip(moving.sum() // BLOCKS, SMALLEST_BLOCK, LARGEST_BLOCK))
     blocks, block, moving_in_block = np.zeros(len(log), dtype=np.int64), 0, 0
     for segment in range(len(log)):
@@ -439,6 +440,6 @@ def _initial_bias(truth: Curve, gyro: Curve, lag: float) -> float:
     """Initial gyro bias [rad/s]: median of gyro less truth, which lags by `lag` [s]."""
     origin = int(truth.stamps[0])
     seconds = (truth.stamps - origin) * NANOSECOND
-    starts = even_grid(0.0, seconds[-1] - lags.WINDOW, 0.25, seconds)
+    starts = even_grid(0.0, seconds[-1] - log_lag.WINDOW, 0.25, seconds)
     turned_apart = gyro.changes(origin, starts - lag) - truth.changes(origin, starts)
-    return float(np.median(turned_apart)) / lags.WINDOW
+    return float(np.median(turned_apart)) / log_lag.WINDOW

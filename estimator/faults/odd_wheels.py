@@ -145,7 +145,7 @@ def take_wheels(
 
 
 def turning_by_gyro(spin: SpinRecord, stamp: int) -> tuple[float, float]:
-    """Difference right less left by the gyro, NaN if not known, and its error [m/s]."""
+    """Right less left side by the gyro, NaN if not known, and its error [m/s]."""
     is_recent = spin.stamp != NEVER and abs(stamp - spin.stamp) * NANOSECOND <= LONGEST_INTERVAL
     if not is_recent or is_found(spin):
         return math.nan, 0.0

@@ -103,7 +103,7 @@ def learn_width(spin: SpinRecord, dt: float) -> None:
 def side_that_changed(
     mismatch: float, change_left: float, change_right: float, limit: float
 ) -> int:
-    """Track whose speed jumped by `limit` [m/s] as a mismatch began, or `UNKNOWN`."""
+    """Track whose speed jumped by `limit` or more [m/s]; `UNKNOWN` if none did."""
     # Jumps towards the mismatch count: a slower left or a faster right track, if it is positive.
     sign = 1.0 if mismatch > 0.0 else -1.0
     left_jump, right_jump = -sign * change_left, sign * change_right

@@ -36,13 +36,14 @@ LARGEST_INFLATION = 1e10
 
 
 def patience_for(squared_distance: Any, patience: Any, fastest: Any) -> Any:
-    """Time of rejections [s] after which a position at this distance² [m²] is used."""
+    """Time of rejections [s] until a position at a squared distance [m²] is used."""
     driving_time = math.sqrt(squared_distance) / fastest
     return max(patience, min(LARGEST_PATIENCE_FACTOR * patience, driving_time))
 
 
 def inflation(square: float, expected: float) -> float:
-    """Variance to add to a state, by square and expected variance of an innovation."""
+    """Variance to add to a state that is to follow an innovation: its square, limited."""
+    # `expected` is the variance of the innovation before the inflation.
     return min(square, LARGEST_INFLATION * expected)
 
 

@@ -141,7 +141,7 @@ def next_interval(pace: Pace, stamp: int, hold: float) -> float:
 
 
 def add_value(differences: Differences, value: float, run: int, dt: float, interval: float) -> None:
-    """Add the value number `run` since a gap, `dt` after the last one [s]."""
+    """Add value number `run` since a gap to an axis, `dt` after the one before [s]."""
     change = value - differences.newest
     difference = abs(change - differences.change)
     differences.newest, differences.change = value, change
@@ -194,7 +194,7 @@ def imu_noise(noise: NoiseRecord, at_rest: bool, settings: InputSettings) -> Imu
 
 
 def noise_of_step(noise: NoiseRecord, still: StandstillRecord, settings: InputSettings) -> ImuNoise:
-    """Noise of an IMU that a step assumes; of a carried one by the gyro alone."""
+    """Noise of an IMU that a step assumes; a carried robot uses the gyro alone."""
     assumed = imu_noise(noise, tracks_rest(still), settings)
     if is_carried(still):
         return ImuNoise(assumed.gyro, CARRIED_FORCE, CARRIED_FORCE)

@@ -128,10 +128,11 @@ def accelerometer_forecast(
 
 
 def shift(row: Floats, x: Floats, since: Floats) -> float:
-    """Change of a prediction from state `since` to `x`, summed in order as in C."""
+    """Change of a prediction by its Jacobian `row` (SIZE,) from state `since` to `x`."""
+    # Summed in order, so that all callers agree to the last bit, numba too.
     shifted = 0.0
-    for part in row * (x - since):
-        shifted += part
+    for term in row * (x - since):
+        shifted += term
     return float(shifted)
 
 

@@ -70,7 +70,7 @@ class History:
         return HistoryCheckpoint(after, oldest.plain(), tuple(map(event_row, self._events)))
 
     def restore(self, checkpoint: HistoryCheckpoint) -> None:
-        """Restore a checkpoint, after the filter's; `EstimatorError` if out of order."""
+        """Restore a checkpoint after the filter's own; `EstimatorError` for invalid rows."""
         events = [event_of(row) for row in checkpoint.measurements]
         keys = [key_of(event) for event in events]
         if any(key >= next_key for key, next_key in pairwise([checkpoint.after, *keys])):
@@ -113,7 +113,7 @@ class History:
         return self._keys[-1] if self._keys else self._checkpoints[0].after
 
     def append(self, key: Key, event: Event) -> bool:
-        """Update with the newest event; True if used. `EstimatorError`: stamps are no ns."""
+        """Update the filter with the newest event; return True if it was used."""
         self._keys.append(key)
         self._events.append(event)
         used = self._reckoning.take(event)

@@ -83,7 +83,7 @@ def loss_of(run: Run, start: int) -> LostFilter | None:
 
 
 def stopped_by(problem: Exception, so_far: Run, start: int, stamp: int) -> LostFilter:
-    """Loss by an exception, in seconds since `start` [ns], or by an earlier row."""
+    """Loss of a filter by an exception at a stamp, or by an unusable row before it."""
     seconds = (stamp - start) * NANOSECOND
     reason = f"stopped at {seconds:.1f} s by {described(problem)}"
     return loss_of(so_far, start) or LostFilter(so_far.variant, reason, seconds)
