@@ -87,15 +87,12 @@ def work_through(
     feeding = _Feeding(log, estimator, progress, at_row)
     samples = sample_arrays.samples_of(log)
     fastest = estimator.robot.vehicle.max_track_speed
-    is_plain = at_row is None and not estimator.has_own_faults
-    is_plain = is_plain and sample_arrays.are_in_order(samples)
+    is_observed = at_row is not None or estimator.has_own_faults
     # NaN is found afterwards, see `icreckon.estimator.streaming.lost`.
     with np.errstate(all="ignore"):
-        if (
-            is_plain
-            and len(samples.imu_stamps)
-            and not sample_arrays.has_absurd_readings(log, fastest)
-        ):
+        is_plain = sample_arrays.are_in_order(samples) and len(samples.imu_stamps) > 0
+        is_plain = is_plain and not sample_arrays.has_absurd_readings(log, fastest)
+        if is_plain and not is_observed:
             feeding.feed_arrays(samples)
         else:
             feeding.feed_each(log.measurements())
