@@ -100,18 +100,18 @@ def assembled(
         refit: refits a model.
         speeds_by_radius: True if the scale of the track speeds corrects the sprocket radius.
     """
-    main = shared[comparison.supported]
+    chosen = shared[comparison.supported]
     supported = _supported_fits(fits, comparison)
-    common_names = [name for name in COMMON_NAMES if name in main.problem.names]
+    common_names = [name for name in COMMON_NAMES if name in chosen.problem.names]
     # What one model takes for a latency another explains by inertia: a value of the file is kept unless
     # all models that may be right contradict it.
     kept = frozenset[str]().union(*(fit.not_contradicted(common_names) for fit in supported))
-    new = common_values.with_common(robot, main, radii, supported, speeds_by_radius, kept)
+    new = common_values.with_common(robot, chosen, radii, supported, speeds_by_radius, kept)
     notes = [BY_TRACKS_ALONE]
     if not speeds_by_radius and not robot.log:
-        scale = f"{main.value('scale'):.4f}"
+        scale = f"{chosen.value('scale'):.4f}"
         notes.insert(0, f"track speeds are not by sprocket_radius: scale_sigma covers {scale}")
-    written = main.with_start_of(kept)
+    written = chosen.with_start_of(kept)
     held = {name: written.value(name) for name in {"scale", *kept}}
     held["difference"] = new.tracks.difference
     kept_names = {COMMON_NAMES[name] for name in kept}
@@ -122,20 +122,20 @@ def assembled(
         if name in fits:
             refitted[name], new, kept_indices = _written(shared[name], name, new, held, refit)
             kept_names |= _result_names(name, kept_indices)
-    rows = _parameters(robot, new, fits, refitted, main, radii, speeds_by_radius)
+    rows = _parameters(robot, new, fits, refitted, chosen, radii, speeds_by_radius)
     richest = fits.get("inertia", fits["constant"])
     free = np.flatnonzero(richest.free)
     covariance = richest.covariance[np.ix_(free, free)]
     sigmas = np.sqrt(np.diag(covariance))
     return Calibration(
         robot=new,
-        parameters=tuple(_completed(row, robot, new, kept_names, main) for row in rows),
+        parameters=tuple(_completed(row, robot, new, kept_names, chosen) for row in rows),
         correlation_names=tuple(richest.problem.names[place] for place in free),
         correlations=covariance / np.outer(sigmas, sigmas),
-        logs=_logs(main),
+        logs=_logs(chosen),
         comparison=comparison,
         verdict=_verdict(comparison),
-        residuals=_residuals(shared["constant"], main),
+        residuals=_residuals(shared["constant"], chosen),
         notes=tuple(notes),
     )
 
@@ -156,7 +156,7 @@ def _written(
 
 
 def _completed(
-    row: FoundParameter, robot: Robot, new: Robot, kept_names: set[str], main: Fit
+    row: FoundParameter, robot: Robot, new: Robot, kept_names: set[str], chosen: Fit
 ) -> FoundParameter:
     """Complete a row: error for other logs, note if it is kept, and `is_default`."""
     kept_note = ""
@@ -166,7 +166,7 @@ def _completed(
         kept_note = FRICTION_KEPT if by_friction else KEPT
     if row.sigma is not None:
         between = SIGMA_SHARES.get(row.name, 0.0) * abs(row.value) + SIGMA_SIZES.get(row.name, 0.0)
-        logs = len(main.problem.recording.motions)
+        logs = len(chosen.problem.recording.motions)
         row = replace(row, sigma_other_logs=math.hypot(row.sigma, between / math.sqrt(logs)))
     note = "; ".join(filter(None, [row.note, kept_note]))
     is_default = row.before is not None and _is_default(robot, row.name)
@@ -227,13 +227,13 @@ def _put(fit: Fit, robot: Robot) -> Robot:
 
 def _supported_fits(fits: Mapping[str, Fit], comparison: ModelComparison) -> list[Fit]:
     """Fits of the models that may be right, the supported one included."""
-    chosen = comparison.supported
+    supported = comparison.supported
 
     def may_be_right(name: str) -> bool:
-        pair = comparison.difference(chosen, name)
+        pair = comparison.difference(supported, name)
         return pair.drift_low <= 0.0 <= pair.drift_high
 
-    return [fit for name, fit in fits.items() if name == chosen or may_be_right(name)]
+    return [fit for name, fit in fits.items() if name == supported or may_be_right(name)]
 
 
 def _parameters(
@@ -241,42 +241,42 @@ def _parameters(
     new: Robot,
     fits: Mapping[str, Fit],
     refitted: Mapping[str, Fit],
-    main: Fit,
+    chosen: Fit,
     radii: Fit,
     speeds_by_radius: bool,
 ) -> tuple[FoundParameter, ...]:
     """Rows of the results; values are of `refitted`, standard errors of `fits`."""
     radius, difference = robot.vehicle.sprocket_radius, robot.tracks.difference
     rows = [
-        _row(main, "scale", "sprocket_radius", "m", factor=radius, before=radius)
+        _row(chosen, "scale", "sprocket_radius", "m", factor=radius, before=radius)
         if speeds_by_radius
-        else _row(main, "scale", "track_scale", "-", before=1.0, note="times log.tracks.scale")
+        else _row(chosen, "scale", "track_scale", "-", before=1.0, note="times log.tracks.scale")
     ]
     _, note = common_values.written_difference(robot, radii)
     rows.append(_row(radii, "difference", "tracks.difference", "-", before=difference, note=note))
-    gyro_scale = _row(main, "gyro_scale", "imu.gyro_scale", "-", before=robot.imu.gyro_scale)
+    gyro_scale = _row(chosen, "gyro_scale", "imu.gyro_scale", "-", before=robot.imu.gyro_scale)
     # That of the new file is for the calibrated mounting.
-    rows += [replace(gyro_scale, value=new.imu.gyro_scale), _bias(robot, main)]
+    rows += [replace(gyro_scale, value=new.imu.gyro_scale), _bias(robot, chosen)]
     before, after = robot.imu.rotation_rpy_deg, new.imu.rotation_rpy_deg
-    for axis, (_, error) in enumerate(common_values.mounting_turns(main)):
+    for axis, (_, error) in enumerate(common_values.mounting_turns(chosen)):
         name, is_known = ("imu.roll", "imu.pitch", "imu.yaw")[axis], np.isfinite(error)
         status: Status = "shown" if is_known else "held"
         sigma = float(np.degrees(error)) if is_known else None
         rows.append(FoundParameter(name, "deg", after[axis], sigma, status, before[axis]))
-    if "imu_forward" in main.problem.names:
-        rows += [_row(main, f"imu_{name}", f"imu.{name}", "m", before=0.0) for name in PLANE]
-    rows += [_row(main, f"lever_arm_{name}", f"truth.{name}", "m") for name in PLANE]
+    if "imu_forward" in chosen.problem.names:
+        rows += [_row(chosen, f"imu_{name}", f"imu.{name}", "m", before=0.0) for name in PLANE]
+    rows += [_row(chosen, f"lever_arm_{name}", f"truth.{name}", "m") for name in PLANE]
     note = "extra delay, added to log.tracks.latency"
-    rows.append(_row(main, "track_latency", "track_latency", "s", note=note))
+    rows.append(_row(chosen, "track_latency", "track_latency", "s", note=note))
     rows += _constant(robot, refitted["constant"], fits["constant"])
     if "inertia" in refitted:
         rows += _inertia(robot, refitted["inertia"], fits["inertia"])
     return tuple(rows)
 
 
-def _bias(robot: Robot, main: Fit) -> FoundParameter:
+def _bias(robot: Robot, chosen: Fit) -> FoundParameter:
     """Initial gyro bias: mean over the logs."""
-    bias = common_values.common_bias(robot, main)
+    bias = common_values.common_bias(robot, chosen)
     note = "" if bias.written == bias.mean else KEPT
     status: Status = "held" if bias.error is None else "shown"
     before = robot.imu.gyro_bias
@@ -373,9 +373,9 @@ def _inertia(robot: Robot, fit: Fit, sigmas: Fit) -> list[FoundParameter]:
     return rows
 
 
-def _logs(main: Fit) -> tuple[OfLog, ...]:
+def _logs(chosen: Fit) -> tuple[OfLog, ...]:
     """Parameters and segments of each log, by the supported model."""
-    recording = main.problem.recording
+    recording = chosen.problem.recording
     # Distance of each segment without the fitted scale of the track speeds [m].
     distances = np.abs(recording.speeds(0.0).mean(axis=-1)).sum(axis=1) * recording.cell
     logs = []
@@ -385,17 +385,17 @@ def _logs(main: Fit) -> tuple[OfLog, ...]:
         logs.append(
             OfLog(
                 name=motion.log.name,
-                gyro_bias=(main.value(bias), finite(main.sigma(bias))),
-                lag=(main.value(lag), finite(main.sigma(lag))) if main.is_free(lag) else None,
+                gyro_bias=(chosen.value(bias), finite(chosen.sigma(bias))),
+                lag=(chosen.value(lag), finite(chosen.sigma(lag))) if chosen.is_free(lag) else None,
                 segments=int(moving.sum()),
                 still=int((in_log & ~recording.moving).sum()),
-                distance=float(main.value("scale") * distances[moving].sum()),
+                distance=float(chosen.value("scale") * distances[moving].sum()),
             )
         )
     return tuple(logs)
 
 
-def _residuals(constant: Fit, main: Fit) -> Residuals:
+def _residuals(constant: Fit, chosen: Fit) -> Residuals:
     """Residuals by the robot file's ICRs and radius, and by the supported model."""
     problem, recording = constant.problem, constant.problem.recording
     file_values = constant.values.copy()
@@ -411,25 +411,25 @@ def _residuals(constant: Fit, main: Fit) -> Residuals:
         seconds=(middles + begins[recording.log])[moving],
         turning=(recording.turned[:, -1] - recording.turned[:, 0])[moving],
         before=problem.rows(file_values)[moving][:, columns],
-        after=main.residuals[moving][:, columns],
+        after=chosen.residuals[moving][:, columns],
     )
 
 
 def _verdict(comparison: ModelComparison) -> str:
     """Sentences on the supported model, and on each other one next to it."""
-    chosen = comparison.supported
-    score = comparison.score(chosen)
+    supported = comparison.supported
+    score = comparison.score(supported)
     verdict = (
-        f"The data support {TITLES[chosen]}. Held-out drift of dead reckoning by the tracks alone is "
+        f"The data support {TITLES[supported]}. Held-out drift of dead reckoning by the tracks alone is "
         f"{score.drift_percent:.1f} % (95 % interval {score.drift_low:.1f} to {score.drift_high:.1f})."
     )
     clauses, is_unclear = [], False
-    for other in (score for score in comparison.scores if score.model != chosen):
+    for other in (score for score in comparison.scores if score.model != supported):
         name = other.model
-        pair = comparison.difference(chosen, name)
-        # Interval of the other model's drift less that of the chosen one.
+        pair = comparison.difference(supported, name)
+        # Interval of the other model's drift less that of the supported one.
         low, high = pair.drift_low, pair.drift_high
-        if pair.model == chosen:
+        if pair.model == supported:
             low, high = -high, -low
         tendency = "worse" if other.drift_percent > score.drift_percent else "better"
         word = "worse" if low > 0.0 else "better" if high < 0.0 else f"not clearly {tendency}"
