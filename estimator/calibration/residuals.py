@@ -235,7 +235,7 @@ class Problem:
         result[:, SLIP] = True
         has_headings = np.array([motion.own_headings for motion in recording.motions])
         result[:, YAW] &= has_headings[recording.log]
-        has_force = np.array([motion.pushed is not None for motion in recording.motions])
+        has_force = np.array([motion.force_integral is not None for motion in recording.motions])
         result[:, FORCE:] &= has_force[recording.log][:, None] & self.force
         return result
 
@@ -280,7 +280,7 @@ def problem_of(
     known, `PLACING_PARAMETERS` are held.
     """
     length = THRESHOLD * robot.vehicle.track_gauge
-    force = any(motion.pushed is not None for motion in recording.motions)
+    force = any(motion.force_integral is not None for motion in recording.motions)
     # A threshold of zero holds a parameter.
     forward, left = lever_arm or (0.0, 0.0)
     lever_threshold = length if lever_arm is None else 0.0

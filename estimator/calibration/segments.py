@@ -49,10 +49,10 @@ class Motion:
 
     log: Log  # source of the series
     track_times: Floats  # (k,) times of the track speeds [s]
-    track_ways: Floats  # (k, 2) distance of each track since the start [m]
+    track_distances: Floats  # (k, 2) distance of each track since the start [m]
     imu_times: Floats  # (i,) times of the IMU samples [s]
     turned: Floats  # (i,) integral of the uncorrected gyro rate about the vertical [rad]
-    pushed: Floats | None  # (i, 2) integral of the specific force forward and left [m/s], or None
+    force_integral: Floats | None  # (i, 2) of the specific force forward and left [m/s], if any
     truth_times: Floats  # (t,) times of the truth, as stamped [s]
     truth: Floats  # (t, 3) x, y [m], yaw [rad], unwrapped
     lag: float  # initial estimate of the truth's lag [s]; 0 if none was found
@@ -89,9 +89,9 @@ class Recording:
 
     def speeds(self, latency: float) -> Floats:
         """Mean track speeds (n, m, 2) of each cell [m/s], corrected for a latency [s]."""
-        series = [(motion.track_times, motion.track_ways) for motion in self.motions]
-        ways = self._interpolate(self.edges + latency, series)
-        return np.asarray(np.diff(ways, axis=1) / self.cell)
+        series = [(motion.track_times, motion.track_distances) for motion in self.motions]
+        distances = self._interpolate(self.edges + latency, series)
+        return np.asarray(np.diff(distances, axis=1) / self.cell)
 
     def ground_forces(self) -> Floats:
         """Forces (n, m, 2) at middles of cells: S over mass [m/s²], P [-]; zero if unset."""
@@ -106,8 +106,8 @@ class Recording:
     def mean_force(self, marks: Indexes) -> Floats:
         """Mean specific force (n, b, 2) between marked cells [m/s²]; zero without one."""
         times = 0.5 * (self.edges[:, marks] + self.edges[:, marks + 1])
-        pairs = [(motion.imu_times, motion.pushed) for motion in self.motions]
-        series = [None if pushed is None else (at, pushed) for at, pushed in pairs]
+        pairs = [(motion.imu_times, motion.force_integral) for motion in self.motions]
+        series = [None if integral is None else (at, integral) for at, integral in pairs]
         changes = np.diff(self._interpolate(times, series), axis=1)
         return np.asarray(changes / np.diff(times, axis=1)[..., None])
 
@@ -202,10 +202,10 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     return Motion(
         log=log,
         track_times=track_times,
-        track_ways=np.concatenate([np.zeros((1, 2)), np.cumsum(track_steps, axis=0)]),
+        track_distances=np.concatenate([np.zeros((1, 2)), np.cumsum(track_steps, axis=0)]),
         imu_times=imu_times,
         turned=gyro.values,
-        pushed=_integrated_force(imu, imu_times, robot),
+        force_integral=_integrated_force(imu, imu_times, robot),
         truth_times=_seconds(poses.stamps, log.start),
         truth=np.column_stack([poses.poses[:, :2], heading.values]),
         lag=lag,
@@ -268,9 +268,9 @@ def record(
     for number, motion in enumerate(motions):
         own = log == number
         turned[own] = np.interp(edges[own], motion.imu_times, motion.turned)
-        ways = _interpolated(edges[own], motion.track_times, motion.track_ways)
-        fastest_in[own] = np.abs(np.diff(ways, axis=1)).max(axis=(1, 2), initial=0.0)
-    speeds = [np.diff(m.track_ways, axis=0).T / np.diff(m.track_times) for m in motions]
+        distances = _interpolated(edges[own], motion.track_times, motion.track_distances)
+        fastest_in[own] = np.abs(np.diff(distances, axis=1)).max(axis=(1, 2), initial=0.0)
+    speeds = [np.diff(m.track_distances, axis=0).T / np.diff(m.track_times) for m in motions]
     fastest = max(float(np.abs(of_motion).max()) for of_motion in speeds)
     moving = fastest_in * cells / length > STILL_SHARE * fastest
     _require_motion(motions, length, turned, moving)
@@ -405,14 +405,14 @@ def _pieces(motion: Motion) -> list[tuple[float, float]]:
 def _path(motion: Motion, robot: Robot, scale: float, difference: float) -> Series:
     """Times [s] and poses of dead reckoning by gyro and the robot's constant ICRs."""
     times = even_grid(motion.track_times[0], motion.track_times[-1], 0.02, motion.track_times)
-    ways = _interpolated(times, motion.track_times, motion.track_ways)
+    distances = _interpolated(times, motion.track_times, motion.track_distances)
     measured = np.interp(times, motion.imu_times, motion.turned)
     yaw = (measured - motion.bias * times) / robot.imu.gyro_scale
     indices = robot.constant_indices
     turned = np.diff(yaw)
     # Shares of the left and the right track in the forward motion.
     sides = scale * (0.5 + 0.25 * difference * np.array([-1.0, 1.0]))
-    forward = np.diff(ways, axis=0) @ sides - turned * indices.epsilon0
+    forward = np.diff(distances, axis=0) @ sides - turned * indices.epsilon0
     left = -turned * indices.zeta0
     middle = 0.5 * (yaw[1:] + yaw[:-1])
     cos, sin = np.cos(middle), np.sin(middle)

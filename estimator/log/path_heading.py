@@ -53,9 +53,9 @@ def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> st
         return None
     yaw = np.unwrap(poses.poses[:, 2])
     steps = np.diff(poses.poses[ends, :2], axis=0)
-    way = float(np.hypot(*steps.T).sum())
+    distance = float(np.hypot(*steps.T).sum())
     if np.ptp(yaw) < SAME and _may_turn(truth):
-        return f"are all the same although it moves by {way:.0f} m"
+        return f"are all the same although it moves by {distance:.0f} m"
     if len(steps) < FEWEST_STEPS:
         return None
     middle = poses.stamps[(ends[1:] + ends[:-1]) // 2]
@@ -71,7 +71,7 @@ def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> st
         return None
     if gyro is not None and _turns_like(poses, *gyro):
         return None
-    return f"do not follow its path of {way:.0f} m"
+    return f"do not follow its path of {distance:.0f} m"
 
 
 def _turns_like(poses: PoseSeries, stamps: Stamps, rates: Floats) -> bool:
@@ -137,9 +137,9 @@ def _turns(z: NDArray[Any], r: NDArray[Any]) -> tuple[Floats, Floats, Floats, Fl
     the turns' standard errors [rad], the variance of the positions about the turned path, per axis [m²],
     and a mask of the turns that can be used.
     """
-    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(r)))])
-    first = np.searchsorted(way, way - REACH)
-    last = np.searchsorted(way, way + REACH, side="right")
+    distance = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(r)))])
+    first = np.searchsorted(distance, distance - REACH)
+    last = np.searchsorted(distance, distance + REACH, side="right")
 
     def total(values: NDArray[Any]) -> NDArray[Any]:
         """Sums over the part of the path around each position."""
@@ -156,8 +156,8 @@ def _turns(z: NDArray[Any], r: NDArray[Any]) -> tuple[Floats, Floats, Floats, Fl
     misfit = np.maximum(square_r + square_z - 2.0 * np.abs(cross), 0.0)
     variance = misfit / np.maximum(2 * count - 3, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        # Errors are alike over some way: a lever arm, slip, multipath.
-        span = way[np.minimum(last, len(way)) - 1] - way[first]
+        # Errors are alike over some distance: a lever arm, slip, multipath.
+        span = distance[np.minimum(last, len(distance)) - 1] - distance[first]
         sigma = np.sqrt(variance * count / square_r / np.maximum(span / ALIKE, 2.0))
         is_good = (square_r / count >= LEAST_EXTENT**2) & (sigma <= LARGEST_SIGMA) & (count > 2)
     return np.angle(cross), sigma, variance, is_good
