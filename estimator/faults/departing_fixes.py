@@ -29,7 +29,7 @@ LEAST_DISTANCE, LEAST_TIME = 1e-3, 1e-6
 class Departure(NamedTuple):
     """Departure of position fixes from the path."""
 
-    time: Any = 0.0  # time for which rejected fixes have departed; 0 after another [s]
+    time: Any = 0.0  # time for which rejected fixes have departed; 0 after one that does not [s]
     from_x: Any = 0.0  # place on the path of the newest fix that does not depart [m]
     from_y: Any = 0.0
     by_x: Any = 0.0  # innovation of the newest fix [m]

@@ -37,7 +37,7 @@ class SlideRecord(msgspec.Struct):
     mean: float = 0.0  # averaged difference of the accelerations, mostly gravity [m/s²]
     difference: float = 0.0  # recent change of velocity by accelerometer less tracks [m/s]
     square: Size = RMS_AT_START * RMS_AT_START  # averaged square of the difference [m²/s²]
-    averaged: Interval = TIME_AT_START  # of it, up to `RMS_AVERAGING` [s]
+    averaged: Interval = TIME_AT_START  # averaging time, up to `RMS_AVERAGING` [s]
     since: Stamp = NEVER  # stamp at which a slide began [ns], or NEVER
     speed: float = 0.0  # largest difference of that slide, 0 after its end [m/s]
     times: Count = 0  # number of slides that were found

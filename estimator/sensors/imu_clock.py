@@ -26,7 +26,7 @@ class ClockRecord(msgspec.Struct):
     """Clock of the samples of one sensor."""
 
     stamp: Stamp = NEVER  # stamp of the newest sample [ns], or NEVER
-    interval: Interval = USUAL_INTERVAL  # newest one not above `hold` [s]
+    interval: Interval = USUAL_INTERVAL  # newest interval up to `hold` [s]
 
 
 def take_stamp(clock: Clocked, stamp: int, hold: float) -> None:
