@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, get_args, get_origin, get_type_hints
 
 from icreckon.estimator.tracing import c_writer
-from icreckon.estimator.tracing.c_writer import INT, NONE, NUMBERS, REAL, Code, Type
+from icreckon.estimator.tracing.c_writer import BOOL, COMPLEX, INT, NONE, NUMBERS, REAL, Code, Type
 
 
 @dataclass
@@ -64,13 +64,7 @@ class Functions:
 
     def of_annotation(self, hint: Any) -> Type | None:
         """Type that an annotation states; None if it leaves it open."""
-        plain = {
-            float: REAL,
-            int: INT,
-            bool: c_writer.BOOL,
-            complex: c_writer.COMPLEX,
-            type(None): NONE,
-        }
+        plain = {float: REAL, int: INT, bool: BOOL, complex: COMPLEX, type(None): NONE}
         if hint in plain:
             return plain[hint]
         if isinstance(hint, type) and hint in self.records:
