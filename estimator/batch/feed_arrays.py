@@ -37,11 +37,9 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
     Returns:
         Number of measurements that were used.
     """
-    log = Log(
-        "arrays",
-        replace(tracks, stamps=tracks.stamps - estimator.late(TrackSpeeds)),
-        replace(imu, stamps=imu.stamps - estimator.late(ImuSample)),
-    )
+    tracks = replace(tracks, stamps=tracks.stamps - estimator.late(TrackSpeeds))
+    imu = replace(imu, stamps=imu.stamps - estimator.late(ImuSample))
+    log = Log("arrays", tracks, imu)
     interval = _array_interval(log, estimator)
     if interval is None:
         return _feed_each(estimator, log)

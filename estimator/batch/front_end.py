@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Indexes, Stamps
 from icreckon.estimator.base.errors import WRONG_SIZE, BatchError
 from icreckon.estimator.base.records import record_array
 from icreckon.estimator.engine.lane_functions import move_inputs, sample_inputs
@@ -77,18 +76,13 @@ class LaneRecords(NamedTuple):
     records: Any  # (lanes,) `FilterRecord` of each, of which the inputs are used
     quiet_stamps: Stamps  # (lanes, n) buffers of the stamps of yaw-rate readings [ns]
     quiet_rates: Floats  # (lanes, n) buffers of the readings [rad/s]
-    fixes: NDArray[np.int64]  # (lanes,) number of fixes so far
+    fixes: Indexes  # (lanes,) number of fixes so far
     # (lanes,) index of the newest fix that does not repeat a position; -1 for none
-    judged: NDArray[np.int64]
+    judged: Indexes
 
 
 class FrontEnd:
-    """Inputs of the steps of some runs, a part of the run at a time.
-
-    Args:
-        measured: measurements of as many runs as there are lanes.
-        steps: all steps.
-        settings: settings of the filters.
+    """Inputs of the steps of some runs, one in each lane, a part of the run at a time.
 
     Raises:
         BatchError: the steps are those of other stamps, or a run lacks its first track speeds.
@@ -97,13 +91,10 @@ class FrontEnd:
     def __init__(self, measured: Measured, steps: Steps, settings: InputSettings) -> None:
         tracks, samples = measured.tracks.shape[1], measured.rates.shape[1]
         fixes = steps.fixes[(steps.extras & POSITION) > 0]
+        is_other = (tracks, samples) != (len(measured.track_stamps), len(measured.imu_stamps))
         # Counts of track speeds are ends of ranges, samples and fixes are indices.
-        if (
-            (tracks, samples) != (len(measured.track_stamps), len(measured.imu_stamps))
-            or steps.tracks.max(initial=0) > tracks
-            or steps.samples.max(initial=0) >= samples
-            or (len(fixes) and fixes.max() >= measured.fixes.shape[1])
-        ):
+        is_other |= steps.tracks.max(initial=0) > tracks or steps.samples.max(initial=0) >= samples
+        if is_other or fixes.max(initial=-1) >= measured.fixes.shape[1]:
             raise BatchError("the steps of a run and its measurements have other stamps")
         if not np.isfinite(measured.tracks[:, 0]).all():
             raise BatchError("a run lacks its first track speeds")
@@ -131,12 +122,9 @@ class FrontEnd:
         self._added = 0  # number of track speeds in the records
 
     def fill(self, begin: int, end: int, inputs: Floats) -> None:
-        """Compute the inputs of the steps from `begin` to before `end`.
+        """Compute the inputs of steps, from where the last call ended to before `end`.
 
-        Args:
-            begin: the first step; each call continues where the last one ended.
-            end: one after the last.
-            inputs: (end - begin, rows, lanes) written to; lanes beyond those of the runs repeat the last.
+        They are written to (end - begin, rows, lanes); lanes beyond those of the runs repeat the last.
         """
         steps = self._steps.part(begin, end)
         fill_entry(inputs, self._lanes, self._measured, steps, self._added)
@@ -149,11 +137,8 @@ def fill_inputs(
 ) -> None:
     """Fill the inputs (n, rows, lanes) of steps; change the records of the lanes.
 
-    Stamps of track speeds and fixes are since the first track speeds. `added` is the number of track
-    speeds that are in the records already.
-
-    Raises:
-        ValueError: an array has the wrong size.
+    Stamps of track speeds and fixes are since the first track speeds, of which `added` are in the
+    records already. `ValueError` if an array has the wrong size.
     """
     check_sizes(inputs, lanes, measured, steps, added)
     count = len(lanes.records)
@@ -203,8 +188,8 @@ def fill_fix(
     has_heading: bool,
 ) -> None:
     """Compute the inputs of the fix of one lane, at a speed of the robot [m/s]."""
-    for part in range(FIX_VALUES):
-        step_inputs[ROW_FIX + part, lane] = measured.fixes[lane, fix, part]
+    for k in range(FIX_VALUES):
+        step_inputs[ROW_FIX + k, lane] = measured.fixes[lane, fix, k]
     is_new = add_fixes(lanes.records[lane].positions, lane, lanes, measured, fix, speed)
     step_inputs[ROW_FIX + FIX_VALUES, lane] = GATED if is_new else SKIPPED
     interval = counted_interval(measured.fix_stamps, fix, lanes.judged[lane])
@@ -222,14 +207,12 @@ def fill_fix(
 def add_fixes(
     place: PlaceRecord, lane: int, lanes: LaneRecords, measured: Measured, fix: int, speed: float
 ) -> bool:
-    """Add fixes up to an index, at a speed [m/s]; False if it repeats a position.
-
-    Those before it came before the first track speeds, so they have no speed.
-    """
+    """Add fixes up to an index, at a speed [m/s]; False if it repeats a position."""
     is_repeated = False
     while lanes.fixes[lane] <= fix:
         k = lanes.fixes[lane]
         x, y = measured.fixes[lane, k, 0], measured.fixes[lane, k, 1]
+        # Fixes before it came before the first track speeds, so they have no speed.
         is_repeated = repeats(place, measured.fix_stamps[k], x, y, speed if k == fix else 0.0)
         if k < fix:
             lanes.judged[lane] = k

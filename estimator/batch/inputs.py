@@ -17,11 +17,8 @@ from icreckon.estimator.sensors.sensor_models import SensorModels
 def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None = None) -> Measured:
     """Track speeds, IMU and fixes of logs, in the axes and units of a robot's filter.
 
-    Args:
-        logs: logs with the same stamps, except for track speeds that some of them may lack.
-        robot: robot, whose IMU's mounting, axes and scale are used.
-        track_stamps: (n,) all stamps that track speeds may have [ns]; None for those that occur in any of
-            the logs.
+    Logs have the same stamps, except for track speeds that some may lack: those may have `track_stamps`
+    (n,) [ns], None for all that occur.
 
     Raises:
         BatchError: the stamps differ, there is no IMU or it has no accelerometers, or there are
@@ -84,11 +81,7 @@ def _fix_stamps(log: Log) -> Stamps:
 
 
 def has_heading(fixes: Floats) -> bool:
-    """Return True if fixes (..., 7) have a heading.
-
-    Raises:
-        BatchError: some have, and some have not.
-    """
+    """Return True if fixes (..., 7) have headings; `BatchError` if only some have."""
     headed = np.isfinite(fixes[..., 2])
     if headed.any() and not headed.all():
         raise BatchError("some fixes have a heading and some have none")

@@ -70,21 +70,15 @@ def run_many(
     ticks = imu[np.unique(np.searchsorted(imu, wanted))]
     stamps = measured.track_stamps, measured.imu_stamps, measured.fix_stamps
     steps = steps_of(*stamps, ticks, heading=has_heading(measured.fixes))
+    pose, pose_sigma = np.array(start, dtype=float), np.array(start_sigma, dtype=float)
     trajectories: list[Trajectory] = []
     for first in range(0, len(logs), filters.width):
         # A group that is not full runs its last log more than once.
         group = [min(first + lane, len(logs) - 1) for lane in range(filters.width)]
-        (worked,) = work_through_runs(
-            [filters],
-            [measured.of_runs(group)],
-            steps,
-            start=np.array(start, dtype=float),
-            start_sigma=np.array(start_sigma, dtype=float),
-        )
+        runs = [measured.of_runs(group)]
+        (worked,) = work_through_runs([filters], runs, steps, start=pose, start_sigma=pose_sigma)
         path = side_by_side(ticks, worked)
         arrays = path.poses, path.pose_covariances, path.twists, path.twist_covariances
-        trajectories += [
-            Trajectory(ticks, *(array[:, lane] for array in arrays))
-            for lane in range(min(filters.width, len(logs) - first))
-        ]
+        lanes = range(min(filters.width, len(logs) - first))
+        trajectories += [Trajectory(ticks, *(array[:, k] for array in arrays)) for k in lanes]
     return trajectories

@@ -37,12 +37,8 @@ def work_through_runs(
 ) -> list[Worked]:
     """Run filters over the measurements of runs, one run for each lane.
 
-    Args:
-        filters: the filters.
-        measured: measurements for each filter; stamps are those of the steps.
-        steps: steps of the runs.
-        start: (3,) pose at the start: x, y [m], yaw [rad].
-        start_sigma: (3,) its standard deviations.
+    Each filter has its measurements, at the stamps of the steps. All begin at the pose `start` (3,)
+    [m, m, rad] with standard deviations `start_sigma`.
     """
     width = filters[0].width
     ticks = int(steps.ticks.max(initial=0)) + 2
@@ -78,13 +74,9 @@ def side_by_side(stamps: Stamps, worked: Worked) -> Trajectory:
     """Trajectory of all lanes (second axis) at the stamps (n,) of the ticks [ns]."""
     # Columns of `ESTIMATE`: pose, upper triangle of its covariance, twist, and that of the twist.
     rows = worked.estimates[: len(stamps)]
-    return Trajectory(
-        stamps,
-        np.moveaxis(rows[:, :3], 1, -1),
-        _symmetric(rows[:, 3:9]),
-        np.moveaxis(rows[:, 9:12], 1, -1),
-        _symmetric(rows[:, 12:18]),
-    )
+    poses, twists = np.moveaxis(rows[:, :3], 1, -1), np.moveaxis(rows[:, 9:12], 1, -1)
+    pose_covariances, twist_covariances = _symmetric(rows[:, 3:9]), _symmetric(rows[:, 12:18])
+    return Trajectory(stamps, poses, pose_covariances, twists, twist_covariances)
 
 
 def _symmetric(upper: Floats) -> Floats:

@@ -7,15 +7,8 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from icreckon.estimator.calibration.common_values import (
-    FRICTION_KEPT,
-    KEPT,
-    common_bias,
-    finite,
-    mounting_turns,
-    with_common,
-    written_difference,
-)
+from icreckon.estimator.calibration import common_values
+from icreckon.estimator.calibration.common_values import FRICTION_KEPT, KEPT, finite
 from icreckon.estimator.calibration.fit import Fit
 from icreckon.estimator.calibration.residuals import ACROSS, ALONG, SLIP
 from icreckon.estimator.calibration.result import (
@@ -40,6 +33,7 @@ TITLES = {
     "inertia": "inertia-based ICRs",
 }
 PLURAL_TITLES = ("constant", "inertia")
+PLANE = ("forward", "left")  # axes of places
 COMMON_NAMES = {
     "scale": "sprocket_radius",
     "gyro_scale": "imu.gyro_scale",
@@ -106,72 +100,63 @@ def assembled(
         refit: refits a model.
         speeds_by_radius: True if the scale of the track speeds corrects the sprocket radius.
     """
-    main = shared[comparison.supported]
+    chosen = shared[comparison.supported]
     supported = _supported_fits(fits, comparison)
-    common = [name for name in COMMON_NAMES if name in main.problem.names]
+    common_names = [name for name in COMMON_NAMES if name in chosen.problem.names]
     # What one model takes for a latency another explains by inertia: a value of the file is kept unless
     # all models that may be right contradict it.
-    kept = frozenset[str]().union(*(fit.not_contradicted(common) for fit in supported))
-    new = with_common(robot, main, radii, supported, speeds_by_radius, kept)
+    kept = frozenset[str]().union(*(fit.not_contradicted(common_names) for fit in supported))
+    new = common_values.with_common(robot, chosen, radii, supported, speeds_by_radius, kept)
     notes = [BY_TRACKS_ALONE]
     if not speeds_by_radius and not robot.log:
-        scale = f"{main.value('scale'):.4f}"
+        scale = f"{chosen.value('scale'):.4f}"
         notes.insert(0, f"track speeds are not by sprocket_radius: scale_sigma covers {scale}")
-    written = main.with_start_of(kept)
-    common_values = {name: written.value(name) for name in {"scale", *kept}}
-    common_values["difference"] = new.tracks.difference
+    written = chosen.with_start_of(kept)
+    held = {name: written.value(name) for name in {"scale", *kept}}
+    held["difference"] = new.tracks.difference
     kept_names = {COMMON_NAMES[name] for name in kept}
     if not speeds_by_radius:
         kept_names -= {"sprocket_radius"}
     refitted = dict(shared)
     for name in ("constant", "inertia"):
         if name in fits:
-            refitted[name], new, own_kept = _written(shared[name], name, new, common_values, refit)
-            kept_names |= _result_names(name, own_kept)
-    rows = _parameters(robot, new, fits, refitted, main, radii, speeds_by_radius)
+            refitted[name], new, kept_indices = _written(shared[name], name, new, held, refit)
+            kept_names |= _result_names(name, kept_indices)
+    rows = _parameters(robot, new, fits, refitted, chosen, radii, speeds_by_radius)
     richest = fits.get("inertia", fits["constant"])
     free = np.flatnonzero(richest.free)
     covariance = richest.covariance[np.ix_(free, free)]
     sigmas = np.sqrt(np.diag(covariance))
     return Calibration(
         robot=new,
-        parameters=tuple(_completed(row, robot, new, kept_names, main) for row in rows),
+        parameters=tuple(_completed(row, robot, new, kept_names, chosen) for row in rows),
         correlation_names=tuple(richest.problem.names[place] for place in free),
         correlations=covariance / np.outer(sigmas, sigmas),
-        logs=_logs(main),
+        logs=_logs(chosen),
         comparison=comparison,
         verdict=_verdict(comparison),
-        residuals=_residuals(shared["constant"], main),
+        residuals=_residuals(shared["constant"], chosen),
         notes=tuple(notes),
     )
 
 
 def _written(
-    found: Fit, name: str, new: Robot, common_values: dict[str, float], refit: Refit
+    shared_fit: Fit, name: str, new: Robot, held: dict[str, float], refit: Refit
 ) -> tuple[Fit, Robot, frozenset[str]]:
-    """Fit a model again as the new file has it, and put it there.
+    """Refit a model with held common values, and put it into the new robot file.
 
-    Args:
-        found: fit of the model.
-        name: name of the model.
-        new: robot with the common values.
-        common_values: common values of the new file, by name.
-        refit: refits a model.
-
-    Returns:
-        The fit with the common values; the robot with the parameters of the model; those of them that the
-        logs do not contradict, at which the others are fitted once more.
+    Also returns the names of parameters that the logs do not contradict, which keep the file's values.
     """
-    model_fit = _refitted(found, name, common_values, refit)
+    model_fit = _refitted(shared_fit, name, held, refit)
     problem = model_fit.problem
     kept = model_fit.not_contradicted(p.name for p in problem.model.parameters)
     kept_values = {key: float(problem.start[problem.place(key)]) for key in kept}
-    held = common_values | kept_values
-    return model_fit, _put(_refitted(model_fit, name, held, refit, always=bool(kept)), new), kept
+    final = _refitted(model_fit, name, held | kept_values, refit, always=bool(kept))
+    return model_fit, _put(final, new), kept
 
 
 def _completed(
-    row: FoundParameter, robot: Robot, new: Robot, kept_names: set[str], main: Fit
+    row: FoundParameter, robot: Robot, new: Robot, kept_names: set[str], chosen: Fit
 ) -> FoundParameter:
     """Complete a row: error for other logs, note if it is kept, and `is_default`."""
     kept_note = ""
@@ -181,7 +166,7 @@ def _completed(
         kept_note = FRICTION_KEPT if by_friction else KEPT
     if row.sigma is not None:
         between = SIGMA_SHARES.get(row.name, 0.0) * abs(row.value) + SIGMA_SIZES.get(row.name, 0.0)
-        logs = len(main.problem.recording.motions)
+        logs = len(chosen.problem.recording.motions)
         row = replace(row, sigma_other_logs=math.hypot(row.sigma, between / math.sqrt(logs)))
     note = "; ".join(filter(None, [row.note, kept_note]))
     is_default = row.before is not None and _is_default(robot, row.name)
@@ -196,27 +181,21 @@ def _is_default(robot: Robot, name: str) -> bool:
     }  # fmt: skip
     table = tables.get(table_name)
     fields = () if table is None else msgspec.structs.fields(table)
-    key = MOUNTING_KEYS.get(key, key)
-    return any(
-        field.name == key and not field.required and getattr(table, key) == field.default
-        for field in fields
-    )
+    field = {field.name: field for field in fields}.get(MOUNTING_KEYS.get(key, key))
+    return bool(field and not field.required and getattr(table, field.name) == field.default)
 
 
-def _result_names(model: str, names: frozenset[str]) -> set[str]:
-    """Names in the results of a model's parameters `names` that stay as in the file.
-
-    Results of the constant model are ICRs: one stays if all indices that it depends on stay.
-    """
+def _result_names(model: str, kept_indices: frozenset[str]) -> set[str]:
+    """Names in the results that stay as in the file, since all indices behind them do."""
     if model == "inertia":
-        return {f"indices.{name}" for name in names}
-    indices = {
+        return {f"indices.{name}" for name in kept_indices}
+    needed_indices = {
         "constant_icr.x_ICRl": {"epsilon0", "eta0"},
         "constant_icr.x_ICRr": {"epsilon0", "eta0"},
         "constant_icr.y_ICR": {"zeta0"},
         "effective_track": {"eta0"},
     }
-    return {name for name, needed in indices.items() if needed <= names}
+    return {name for name, needed in needed_indices.items() if needed <= kept_indices}
 
 
 def with_difference(fits: Mapping[str, Fit], difference: float, refit: Refit) -> dict[str, Fit]:
@@ -225,36 +204,36 @@ def with_difference(fits: Mapping[str, Fit], difference: float, refit: Refit) ->
     return {name: _refitted(fit, name, held, refit) for name, fit in fits.items()}
 
 
-def as_found(robot: Robot, found: Fit) -> Robot:
+def as_fitted(robot: Robot, fit: Fit) -> Robot:
     """Robot with the parameters of a fit's model, and with its scale of the gyro."""
-    imu = msgspec.structs.replace(robot.imu, gyro_scale=found.value("gyro_scale"))
-    return _put(found, msgspec.structs.replace(robot, imu=imu))
+    imu = msgspec.structs.replace(robot.imu, gyro_scale=fit.value("gyro_scale"))
+    return _put(fit, msgspec.structs.replace(robot, imu=imu))
 
 
 def _refitted(
-    found: Fit, name: str, held: dict[str, float], refit: Refit, always: bool = False
+    fit: Fit, name: str, held: dict[str, float], refit: Refit, always: bool = False
 ) -> Fit:
-    """Refit the model `name` with held parameters, unless `found` nearly has them."""
-    changes = [abs(found.value(key) - value) for key, value in held.items()]
+    """Refit the model `name` with held parameters, unless `fit` nearly has them."""
+    changes = [abs(fit.value(key) - value) for key, value in held.items()]
     if not always and max(changes) <= LEAST_CHANGE:
-        return found
-    return refit(name, found.by_name | held, frozenset(held))
+        return fit
+    return refit(name, fit.by_name | held, frozenset(held))
 
 
-def _put(found: Fit, robot: Robot) -> Robot:
+def _put(fit: Fit, robot: Robot) -> Robot:
     """Robot with the parameters of a fit's motion model."""
-    return found.problem.model.put_into(robot, found.problem.own(found.values))
+    return fit.problem.model.put_into(robot, fit.problem.own(fit.values))
 
 
 def _supported_fits(fits: Mapping[str, Fit], comparison: ModelComparison) -> list[Fit]:
     """Fits of the models that may be right, the supported one included."""
-    chosen = comparison.supported
+    supported = comparison.supported
 
     def may_be_right(name: str) -> bool:
-        pair = comparison.difference(chosen, name)
+        pair = comparison.difference(supported, name)
         return pair.drift_low <= 0.0 <= pair.drift_high
 
-    return [fit for name, fit in fits.items() if name == chosen or may_be_right(name)]
+    return [fit for name, fit in fits.items() if name == supported or may_be_right(name)]
 
 
 def _parameters(
@@ -262,63 +241,57 @@ def _parameters(
     new: Robot,
     fits: Mapping[str, Fit],
     refitted: Mapping[str, Fit],
-    main: Fit,
+    chosen: Fit,
     radii: Fit,
     speeds_by_radius: bool,
 ) -> tuple[FoundParameter, ...]:
-    """Rows of the results: common parameters, then those of each model.
-
-    Values of a model's parameters are those of `refitted`, standard errors those of `fits`.
-    """
+    """Rows of the results; values are of `refitted`, standard errors of `fits`."""
     radius, difference = robot.vehicle.sprocket_radius, robot.tracks.difference
     rows = [
-        _row(main, "scale", "sprocket_radius", "m", factor=radius, before=radius)
+        _row(chosen, "scale", "sprocket_radius", "m", factor=radius, before=radius)
         if speeds_by_radius
-        else _row(main, "scale", "track_scale", "-", before=1.0, note="times log.tracks.scale")
+        else _row(chosen, "scale", "track_scale", "-", before=1.0, note="times log.tracks.scale")
     ]
-    _, note = written_difference(robot, radii)
+    _, note = common_values.written_difference(robot, radii)
     rows.append(_row(radii, "difference", "tracks.difference", "-", before=difference, note=note))
-    gyro_scale = _row(main, "gyro_scale", "imu.gyro_scale", "-", before=robot.imu.gyro_scale)
+    gyro_scale = _row(chosen, "gyro_scale", "imu.gyro_scale", "-", before=robot.imu.gyro_scale)
     # That of the new file is for the calibrated mounting.
-    rows += [replace(gyro_scale, value=new.imu.gyro_scale), _bias(robot, main)]
+    rows += [replace(gyro_scale, value=new.imu.gyro_scale), _bias(robot, chosen)]
     before, after = robot.imu.rotation_rpy_deg, new.imu.rotation_rpy_deg
-    for axis, (_, error) in enumerate(mounting_turns(main)):
+    for axis, (_, error) in enumerate(common_values.mounting_turns(chosen)):
         name, is_known = ("imu.roll", "imu.pitch", "imu.yaw")[axis], np.isfinite(error)
         status: Status = "shown" if is_known else "held"
         sigma = float(np.degrees(error)) if is_known else None
         rows.append(FoundParameter(name, "deg", after[axis], sigma, status, before[axis]))
-    rows += [
-        _row(main, name, name.replace("imu_", "imu."), "m", before=0.0)
-        for name in ("imu_forward", "imu_left")
-        if name in main.problem.names
-    ]
-    rows += [_row(main, f"lever_arm_{name}", f"truth.{name}", "m") for name in ("forward", "left")]
+    if "imu_forward" in chosen.problem.names:
+        rows += [_row(chosen, f"imu_{name}", f"imu.{name}", "m", before=0.0) for name in PLANE]
+    rows += [_row(chosen, f"lever_arm_{name}", f"truth.{name}", "m") for name in PLANE]
     note = "extra delay, added to log.tracks.latency"
-    rows.append(_row(main, "track_latency", "track_latency", "s", note=note))
+    rows.append(_row(chosen, "track_latency", "track_latency", "s", note=note))
     rows += _constant(robot, refitted["constant"], fits["constant"])
     if "inertia" in refitted:
         rows += _inertia(robot, refitted["inertia"], fits["inertia"])
     return tuple(rows)
 
 
-def _bias(robot: Robot, main: Fit) -> FoundParameter:
+def _bias(robot: Robot, chosen: Fit) -> FoundParameter:
     """Initial gyro bias: mean over the logs."""
-    bias = common_bias(robot, main)
+    bias = common_values.common_bias(robot, chosen)
     note = "" if bias.written == bias.mean else KEPT
     status: Status = "held" if bias.error is None else "shown"
     before = robot.imu.gyro_bias
     return FoundParameter("imu.gyro_bias", "rad/s", bias.mean, bias.error, status, before, note)
 
 
-def _status(found: Fit, name: str) -> Status:
+def _status(fit: Fit, name: str) -> Status:
     """Status: held, shown by the logs, or shown on condition that held ones are right."""
-    if not found.is_free(name):
+    if not fit.is_free(name):
         return "held"
-    return "shown" if found.shown[found.problem.place(name)] else "conditional"
+    return "shown" if fit.shown[fit.problem.place(name)] else "conditional"
 
 
 def _row(
-    found: Fit,
+    fit: Fit,
     name: str,
     result_name: str,
     unit: str,
@@ -328,16 +301,16 @@ def _row(
     note: str = "",
     sigmas: Fit | None = None,
 ) -> FoundParameter:
-    """Row of a parameter: value of `found`, standard error of `sigmas` if given.
+    """Row of a parameter: value of `fit`, standard error of `sigmas` if given.
 
     Value and error are times `factor`. A held one has the file's value `before`, if there is one.
     """
-    errors = sigmas or found
+    errors = sigmas or fit
     is_free = errors.is_free(name)
     return FoundParameter(
         name=result_name,
         unit=unit,
-        value=factor * found.value(name) if is_free or before is None else before,
+        value=factor * fit.value(name) if is_free or before is None else before,
         sigma=factor * errors.sigma(name) if is_free else None,
         status=_status(errors, name),
         before=before,
@@ -345,7 +318,7 @@ def _row(
     )
 
 
-def _constant(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
+def _constant(robot: Robot, fit: Fit, sigmas: Fit) -> list[FoundParameter]:
     """ICRs of the constant model by its indices; standard errors are of `sigmas`."""
     gauge, before = robot.vehicle.track_gauge, robot.constant_indices
     epsilon, eta = (sigmas.problem.place(name) for name in ("epsilon0", "eta0"))
@@ -372,39 +345,37 @@ def _constant(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
             FoundParameter(
                 name=f"constant_icr.{name}",
                 unit="m",
-                value=found.value("epsilon0") + side * gauge * found.value("eta0"),
+                value=fit.value("epsilon0") + side * gauge * fit.value("eta0"),
                 sigma=None if status == "held" else sigma,
                 status=status,
                 before=before.epsilon0 + side * gauge * before.eta0,
                 note=note,
             )
         )
-    y_ICR = _row(found, "zeta0", "constant_icr.y_ICR", "m", before=before.zeta0, sigmas=sigmas)
+    y_ICR = _row(fit, "zeta0", "constant_icr.y_ICR", "m", before=before.zeta0, sigmas=sigmas)
     old_width = gauge * before.eta0
-    width = _row(
-        found, "eta0", "effective_track", "m", factor=gauge, before=old_width, sigmas=sigmas
-    )
+    width = _row(fit, "eta0", "effective_track", "m", factor=gauge, before=old_width, sigmas=sigmas)
     return [*rows, y_ICR, replace(width, note="eta0 of constant ICRs times the gauge")]
 
 
-def _inertia(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
+def _inertia(robot: Robot, fit: Fit, sigmas: Fit) -> list[FoundParameter]:
     """Indices of the inertia-based model; standard errors are of `sigmas`."""
     indices, x_CM = robot.indices, sigmas.problem.model.vehicle.x_CM
-    half_track = 0.5 * robot.vehicle.track_gauge * found.value("eta0")
-    epsilon = found.value("epsilon0")
+    half_track = 0.5 * robot.vehicle.track_gauge * fit.value("eta0")
+    epsilon = fit.value("epsilon0")
     # H is the ratio of the track speeds as the robot turns about its centre of mass.
     implied = (half_track - epsilon + x_CM) / (half_track + epsilon - x_CM)
     note = f"acts in the literal form only; the ICRs found imply {implied:.3f}"
     rows = [FoundParameter("indices.H", "-", indices.H, None, "held", indices.H, note)]
     for name, unit, *_ in sigmas.problem.model.parameters:
         before = getattr(indices, name)
-        rows.append(_row(found, name, f"indices.{name}", unit, before=before, sigmas=sigmas))
+        rows.append(_row(fit, name, f"indices.{name}", unit, before=before, sigmas=sigmas))
     return rows
 
 
-def _logs(main: Fit) -> tuple[OfLog, ...]:
+def _logs(chosen: Fit) -> tuple[OfLog, ...]:
     """Parameters and segments of each log, by the supported model."""
-    recording = main.problem.recording
+    recording = chosen.problem.recording
     # Distance of each segment without the fitted scale of the track speeds [m].
     distances = np.abs(recording.speeds(0.0).mean(axis=-1)).sum(axis=1) * recording.cell
     logs = []
@@ -414,17 +385,17 @@ def _logs(main: Fit) -> tuple[OfLog, ...]:
         logs.append(
             OfLog(
                 name=motion.log.name,
-                gyro_bias=(main.value(bias), finite(main.sigma(bias))),
-                lag=(main.value(lag), finite(main.sigma(lag))) if main.is_free(lag) else None,
+                gyro_bias=(chosen.value(bias), finite(chosen.sigma(bias))),
+                lag=(chosen.value(lag), finite(chosen.sigma(lag))) if chosen.is_free(lag) else None,
                 segments=int(moving.sum()),
                 still=int((in_log & ~recording.moving).sum()),
-                distance=float(main.value("scale") * distances[moving].sum()),
+                distance=float(chosen.value("scale") * distances[moving].sum()),
             )
         )
     return tuple(logs)
 
 
-def _residuals(constant: Fit, main: Fit) -> Residuals:
+def _residuals(constant: Fit, chosen: Fit) -> Residuals:
     """Residuals by the robot file's ICRs and radius, and by the supported model."""
     problem, recording = constant.problem, constant.problem.recording
     file_values = constant.values.copy()
@@ -440,37 +411,35 @@ def _residuals(constant: Fit, main: Fit) -> Residuals:
         seconds=(middles + begins[recording.log])[moving],
         turning=(recording.turned[:, -1] - recording.turned[:, 0])[moving],
         before=problem.rows(file_values)[moving][:, columns],
-        after=main.residuals[moving][:, columns],
+        after=chosen.residuals[moving][:, columns],
     )
 
 
 def _verdict(comparison: ModelComparison) -> str:
     """Sentences on the supported model, and on each other one next to it."""
-    chosen = comparison.supported
-    score = comparison.score(chosen)
+    supported = comparison.supported
+    score = comparison.score(supported)
     verdict = (
-        f"The data support {TITLES[chosen]}. Held-out drift of dead reckoning by the tracks alone is "
+        f"The data support {TITLES[supported]}. Held-out drift of dead reckoning by the tracks alone is "
         f"{score.drift_percent:.1f} % (95 % interval {score.drift_low:.1f} to {score.drift_high:.1f})."
     )
-    parts, is_unclear = [], False
-    for other in comparison.scores:
+    clauses, is_unclear = [], False
+    for other in (score for score in comparison.scores if score.model != supported):
         name = other.model
-        if name == chosen:
-            continue
-        pair = comparison.difference(chosen, name)
-        # Interval of the other model's drift less that of the chosen one.
+        pair = comparison.difference(supported, name)
+        # Interval of the other model's drift less that of the supported one.
         low, high = pair.drift_low, pair.drift_high
-        if pair.model == chosen:
+        if pair.model == supported:
             low, high = -high, -low
         tendency = "worse" if other.drift_percent > score.drift_percent else "better"
         word = "worse" if low > 0.0 else "better" if high < 0.0 else f"not clearly {tendency}"
         is_unclear |= word == "not clearly better"
-        parts.append(
+        clauses.append(
             f"{TITLES[name]} {'are' if name in PLURAL_TITLES else 'is'} {word} "
             f"({other.drift_percent:.1f} %, difference {low:+.1f} to {high:+.1f})"
         )
-    if not parts:
+    if not clauses:
         return verdict
-    others = ", ".join(parts)
+    sentence = ", ".join(clauses)
     more = " These logs cannot separate the models." if is_unclear else ""
-    return f"{verdict} {others[0].upper()}{others[1:]}.{more}"
+    return f"{verdict} {sentence[0].upper()}{sentence[1:]}.{more}"

@@ -9,24 +9,17 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.calibration.assembly import as_found, assembled, with_difference
+from icreckon.estimator.calibration.assembly import as_fitted, assembled, with_difference
 from icreckon.estimator.calibration.common_values import with_common
-from icreckon.estimator.calibration.cross_validation import likeliest, validate
+from icreckon.estimator.calibration.cross_validation import validate
 from icreckon.estimator.calibration.fit import Fit, fit
 from icreckon.estimator.calibration.ground_forces import ground_forces
 from icreckon.estimator.calibration.models import MODELS, model_of
 from icreckon.estimator.calibration.residuals import ALONG, TRACK_PARAMETERS, Problem, problem_of
 from icreckon.estimator.calibration.result import Calibration
 from icreckon.estimator.calibration.segments import Recording, motion_of, record
+from icreckon.estimator.log import lag
 from icreckon.estimator.log.failed_sensors import stuck_sides, turning_at
-from icreckon.estimator.log.lag import (
-    LEAST_SPEEDING,
-    NOWHERE,
-    NoLag,
-    find_lag,
-    places_of,
-    plain_path,
-)
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault, headings_by_path
 from icreckon.estimator.log.scores import path_length
@@ -90,9 +83,8 @@ def calibrate(
     if not logs:
         raise EstimatorError("no log to calibrate from; give one or more")
     if not SHORTEST <= segment <= LONGEST:
-        raise EstimatorError(
-            f"segments must be {SHORTEST:g} to {LONGEST:g} s long, found {segment!r}"
-        )
+        limits = f"{SHORTEST:g} to {LONGEST:g} s"
+        raise EstimatorError(f"segments must be {limits} long, found {segment!r}")
     report_share = progress or (lambda _: None)
     _check_logs(logs, robot)
     headed = [_with_headings(log, robot) for log in logs]
@@ -117,7 +109,8 @@ def calibrate(
         fits[name] = fit_again(name, first.by_name, frozenset())
         report_share(0.1 + 0.6 * (number + 1) / len(chosen))
     # The radii are the robot's, not a model's: a model that lacks an effect must not hide it in them.
-    radii = fits[likeliest(validate(fits))]
+    likeliest = max(validate(fits).scores, key=lambda score: score.log_likelihood)
+    radii = fits[likeliest.model]
     shared = with_difference(fits, radii.value("difference"), fit_again)
     comparison = validate(shared)
     report_share(0.9)
@@ -133,7 +126,7 @@ def _first_fit(problem: Problem) -> Fit:
     """Fit with the initial lags; reject signs, units and clocks that are wrong."""
     _check_signs(problem)
     for motion in problem.recording.motions:
-        if motion.no_lag == NOWHERE:
+        if motion.no_lag == lag.NOWHERE:
             raise EstimatorError(
                 f"log {motion.log.name!r}: truth and gyro turn otherwise, at whatever lag: "
                 f"{motion.no_lag.reason}; check topic, yaw and clock of [log.truth]"
@@ -144,18 +137,18 @@ def _first_fit(problem: Problem) -> Fit:
 def _recorded_again(recording: Recording, robot: Robot, first: Fit) -> Recording:
     """Segments with the lags, biases, radii and ground forces of a first fit."""
     scale, difference, latency = (first.value(name) for name in TRACK_PARAMETERS)
-    found = as_found(robot, first)
-    known = with_common(found, first, radii=first, supported=[first], speeds_by_radius=True)
+    fitted = as_fitted(robot, first)
+    with_mounting = with_common(fitted, first, first, [first], speeds_by_radius=True)
     motions = [
         replace(
             motion,
             lag=first.value(f"lag[{log}]"),
             bias=first.value(f"gyro_bias[{log}]"),
-            forces=ground_forces(motion.log, known, scale, latency),
+            forces=ground_forces(motion.log, with_mounting, scale, latency),
         )
         for log, motion in enumerate(recording.motions)
     ]
-    return record(motions, found, recording.length, scale=scale, difference=difference)
+    return record(motions, fitted, recording.length, scale=scale, difference=difference)
 
 
 def _check_logs(logs: Sequence[Log], robot: Robot) -> None:
@@ -183,13 +176,7 @@ def _check_logs(logs: Sequence[Log], robot: Robot) -> None:
 
 
 def _with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
-    """Log with headings in its truth, and remarks if these are from the path.
-
-    A log without truth, IMU or tracks stays as it is.
-
-    Raises:
-        EstimatorError: the truth has no headings, and the robot moves too little to find them.
-    """
+    """Log with headings in its truth, and a remark if these are from the path."""
     truth, imu = log.truth, log.imu
     if truth is None or imu is None or len(imu.stamps) < 2 or len(log.tracks.stamps) < 2:
         return log, ()
@@ -197,9 +184,10 @@ def _with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     fault = heading_fault(truth, (imu.stamps, rates)) if truth.headings else "are missing"
     if fault is None:
         return log, ()
-    path = plain_path(log.tracks, imu, rates)
-    lag = find_lag(places_of(truth.poses), places_of(path), least=LEAST_SPEEDING)
-    lag_ns = 0 if isinstance(lag, NoLag) else round(lag.seconds / NANOSECOND)
+    path = lag.plain_path(log.tracks, imu, rates)
+    places, path_places = lag.places_of(truth.poses), lag.places_of(path)
+    found_lag = lag.find_lag(places, path_places, least=lag.LEAST_SPEEDING)
+    lag_ns = 0 if isinstance(found_lag, lag.NoLag) else round(found_lag.seconds / NANOSECOND)
     headings = headings_by_path(truth.poses, PoseSeries(path.stamps + lag_ns, path.poses))
     if headings is None:
         raise EstimatorError(

@@ -21,19 +21,18 @@ LEAST_LATENCY = 2e-3  # a smaller latency of the track speeds is not written to 
 
 
 def _sigma_of_other_logs(
-    main: Fit, supported: Sequence[Fit], name: str, file_sigma: float
+    chosen: Fit, supported: Sequence[Fit], name: str, file_sigma: float
 ) -> float:
     """Standard deviation of a parameter: its error, and over logs and possible models."""
-    over_models = np.mean([(fit.value(name) - main.value(name)) ** 2 for fit in supported])
-    deviation = np.hypot(_sigma_over_logs(main, name, file_sigma), np.sqrt(over_models))
-    return float(np.hypot(finite(main.sigma(name)), deviation))
+    over_models = np.mean([(fit.value(name) - chosen.value(name)) ** 2 for fit in supported])
+    deviation = np.hypot(_sigma_over_logs(chosen, name, file_sigma), np.sqrt(over_models))
+    return float(np.hypot(finite(chosen.sigma(name)), deviation))
 
 
 def written_difference(robot: Robot, radii: Fit) -> tuple[float, str]:
     """Difference of the radii for the robot file [-], and a note on its reason.
 
-    The file's value stays, unless the logs contradict it; if the new one is within its error of zero, it
-    is zero.
+    The file's value stays, unless the logs contradict it; one within its error of zero is zero.
     """
     before = robot.tracks.difference
     value, sigma = radii.value("difference"), radii.sigma("difference")
@@ -50,22 +49,20 @@ class CommonBias(NamedTuple):
     """Gyro bias of all logs, of the rate after its scale is corrected [rad/s]."""
 
     mean: float  # mean over the logs
-    # standard error of that mean, by the logs' own errors and by how much they differ; None if no log
-    # shows the bias
-    error: float | None
+    error: float | None  # standard error of that mean; None if no log shows the bias
     written: float  # initial bias for the robot file
     sigma: float  # its standard deviation, for another log
 
 
-def common_bias(robot: Robot, main: Fit) -> CommonBias:
+def common_bias(robot: Robot, chosen: Fit) -> CommonBias:
     """Initial gyro bias for the robot file, and its standard deviation.
 
     The mean over the logs is written if the robot file's is not within its error. Its standard deviation
     is that of the bias of another log, about what is written. The robot file's counts as one more log,
     since few logs show little of others.
     """
-    imu, scale = robot.imu, main.value("gyro_scale")
-    values, sigmas = _values_of_logs(main, "gyro_bias")
+    imu, scale = robot.imu, chosen.value("gyro_scale")
+    values, sigmas = _values_of_logs(chosen, "gyro_bias")
     count = len(values)
     if not count:
         return CommonBias(imu.gyro_bias, None, imu.gyro_bias, imu.gyro_bias_sigma)
@@ -87,7 +84,7 @@ def common_bias(robot: Robot, main: Fit) -> CommonBias:
 
 def with_common(
     robot: Robot,
-    main: Fit,
+    chosen: Fit,
     radii: Fit,
     supported: Sequence[Fit],
     speeds_by_radius: bool,
@@ -97,7 +94,7 @@ def with_common(
 
     Args:
         robot: the robot as described by its file.
-        main: fit of the supported model.
+        chosen: fit of the supported model.
         radii: fit of the likeliest model, for the difference of the radii.
         supported: fits of all models that may be right.
         speeds_by_radius: True if the scale of the track speeds corrects the sprocket radius; otherwise it
@@ -105,38 +102,38 @@ def with_common(
         kept: parameters that stay as in the file, since the logs do not contradict it. Their standard
             deviations do not grow.
     """
-    main = main.with_start_of(kept)
-    vehicle, imu, scale = robot.vehicle, robot.imu, main.value("scale")
+    chosen = chosen.with_start_of(kept)
+    vehicle, imu, scale = robot.vehicle, robot.imu, chosen.value("scale")
     if speeds_by_radius:
         radius = float(vehicle.sprocket_radius * scale)
         vehicle = msgspec.structs.replace(vehicle, sprocket_radius=radius)
-    scale_sigma = _sigma_of_other_logs(main, supported, "scale", robot.tracks.scale_sigma)
+    scale_sigma = _sigma_of_other_logs(chosen, supported, "scale", robot.tracks.scale_sigma)
     if not speeds_by_radius and not robot.log:
         scale_sigma = float(np.hypot(scale_sigma, scale - 1.0))
     if "scale" in kept:
         scale_sigma = min(scale_sigma, robot.tracks.scale_sigma)
-    bias = common_bias(robot, main)
-    rotation_rpy_deg, rotation = _mounting(robot, main)
-    over_logs = _sigma_over_logs(main, "gyro_scale", imu.gyro_scale_sigma)
-    gyro_scale_sigma = float(np.hypot(finite(main.sigma("gyro_scale")), over_logs))
+    bias = common_bias(robot, chosen)
+    rotation_rpy_deg, rotation = _mounting(robot, chosen)
+    over_logs = _sigma_over_logs(chosen, "gyro_scale", imu.gyro_scale_sigma)
+    gyro_scale_sigma = float(np.hypot(finite(chosen.sigma("gyro_scale")), over_logs))
     if "gyro_scale" in kept:
         gyro_scale_sigma = min(gyro_scale_sigma, imu.gyro_scale_sigma)
     x, y, z = imu.position
-    if "imu_forward" in main.problem.names and main.is_free("imu_forward"):
-        x = x + main.value("imu_forward")
-        y = y + main.value("imu_left") if main.is_free("imu_left") else y
+    if "imu_forward" in chosen.problem.names and chosen.is_free("imu_forward"):
+        x = x + chosen.value("imu_forward")
+        y = y + chosen.value("imu_left") if chosen.is_free("imu_left") else y
     imu = msgspec.structs.replace(
         imu,
         rotation_rpy_deg=rotation_rpy_deg,
         position=(float(x), float(y), z),
-        gyro_scale=float(_vertical_gyro_scale(robot, main, rotation)),
+        gyro_scale=float(_vertical_gyro_scale(robot, chosen, rotation)),
         gyro_scale_sigma=gyro_scale_sigma,
         gyro_bias=bias.written,
         gyro_bias_sigma=bias.sigma,
     )
     tracks = _with_radii(robot, radii, supported, scale_sigma)
     new = msgspec.structs.replace(robot, vehicle=vehicle, imu=imu, tracks=tracks)
-    return _with_log(new, main, 1.0 if speeds_by_radius else scale)
+    return _with_log(new, chosen, 1.0 if speeds_by_radius else scale)
 
 
 def _with_radii(robot: Robot, radii: Fit, supported: Sequence[Fit], scale_sigma: float) -> Tracks:
@@ -151,28 +148,26 @@ def _with_radii(robot: Robot, radii: Fit, supported: Sequence[Fit], scale_sigma:
     )
 
 
-def _vertical_gyro_scale(robot: Robot, main: Fit, rotation: Floats) -> float:
-    """Scale of the gyro about the vertical by the calibrated mounting (3, 3).
-
-    The scale of the fit is about the vertical by the robot file.
-    """
+def _vertical_gyro_scale(robot: Robot, chosen: Fit, rotation: Floats) -> float:
+    """Scale of the gyro about the vertical by the calibrated mounting (3, 3)."""
+    # The scale of the fit is about the vertical by the robot file.
     if robot.imu.gyro_axes == "z":
-        return main.value("gyro_scale") * float(robot.imu_rotation[2, 2] / rotation[2, 2])
+        return chosen.value("gyro_scale") * float(robot.imu_rotation[2, 2] / rotation[2, 2])
     # Regression of the robot's rotation about the new vertical on that about the old one.
     cross = square = 0.0
-    for motion in main.problem.recording.motions:
+    for motion in chosen.problem.recording.motions:
         if motion.log.imu is None:
             continue
         rates = motion.log.imu.angular_velocity
         centred = rates - rates.mean(axis=0)
         old, new = centred @ robot.imu_rotation[2], centred @ rotation[2]
         cross, square = cross + float(new @ old), square + float(old @ old)
-    return main.value("gyro_scale") * cross / square
+    return chosen.value("gyro_scale") * cross / square
 
 
-def _with_log(robot: Robot, main: Fit, scale: float) -> Robot:
+def _with_log(robot: Robot, chosen: Fit, scale: float) -> Robot:
     """Robot whose mapping, if it has tracks, corrects their latency and scale."""
-    latency = main.value("track_latency") if main.is_free("track_latency") else 0.0
+    latency = chosen.value("track_latency") if chosen.is_free("track_latency") else 0.0
     for name, mapping in (("log", robot.log), ("log.columns", robot.log.get("columns", {}))):
         if "tracks" in mapping:
             tracks, changes = mapping["tracks"], {}
@@ -189,43 +184,36 @@ def finite(sigma: float) -> float:
     return sigma if np.isfinite(sigma) else 0.0
 
 
-def _sigma_over_logs(main: Fit, name: str, file_sigma: float) -> float:
+def _sigma_over_logs(chosen: Fit, name: str, file_sigma: float) -> float:
     """Standard deviation of a parameter [-] over logs; the file's counts as one more."""
-    recording = main.problem.recording
-    count, place = len(recording.motions), main.problem.place(name)
-    if count < 2 or not main.free[place]:
+    recording = chosen.problem.recording
+    count, place = len(recording.motions), chosen.problem.place(name)
+    if count < 2 or not chosen.free[place]:
         return file_sigma
     log_of_block = np.zeros(int(recording.block.max()) + 1, dtype=np.int64)
     log_of_block[recording.block] = recording.log
-    by_log_alone = np.array([main.without(log_of_block != log)[place] for log in range(count)])
+    by_log_alone = np.array([chosen.without(log_of_block != log)[place] for log in range(count)])
     # Limited: a short log alone may hardly show the parameter.
-    off = np.minimum(np.abs(by_log_alone - main.values[place]), LARGEST_OFF)
+    off = np.minimum(np.abs(by_log_alone - chosen.values[place]), LARGEST_OFF)
     return float(np.sqrt((np.sum(off**2) + file_sigma**2) / count))
 
 
-def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floats]:
-    """Roll, pitch, yaw of the IMU [deg], and the rotation matrix (3, 3).
-
-    Of the rotations that level it only those beyond their error count.
-    """
-    roll, pitch, yaw = (
-        turn if abs(turn) > CERTAIN * error else 0.0 for turn, error in mounting_turns(main)
-    )
+def _mounting(robot: Robot, chosen: Fit) -> tuple[tuple[float, float, float], Floats]:
+    """Roll, pitch, yaw of the IMU [deg], corrected where significant, and as a matrix."""
+    turns = mounting_turns(chosen)
+    roll, pitch, yaw = (turn if abs(turn) > CERTAIN * error else 0.0 for turn, error in turns)
     turned = rpy_to_matrix(roll, pitch, yaw) @ robot.imu_rotation
     roll, pitch, yaw = np.degrees(matrix_to_rpy(turned)).tolist()
     return (roll, pitch, yaw), turned
 
 
-def mounting_turns(main: Fit) -> list[tuple[float, float]]:
-    """Small rotations about forward, left, up that level the IMU, with errors [rad].
-
-    The errors are standard errors, infinite where nothing shows the rotation.
-    """
-    has_force = main.problem.force
+def mounting_turns(chosen: Fit) -> list[tuple[float, float]]:
+    """Rotations about forward, left, up that level the IMU, and standard errors [rad]."""
+    has_force = chosen.problem.force
 
     def tilt(name: str) -> tuple[float, float]:
         """Tilt by the mean of an accelerometer offset, and its standard error [rad]."""
-        values, sigmas = _values_of_logs(main, name)
+        values, sigmas = _values_of_logs(chosen, name)
         count = len(values)
         if not has_force or not count:
             return 0.0, np.inf
@@ -235,13 +223,14 @@ def mounting_turns(main: Fit) -> list[tuple[float, float]]:
 
     roll, (forward, pitch_error) = tilt("offset_left"), tilt("offset_forward")
     yaw = (0.0, np.inf)
-    if has_force and main.is_free("mounting_yaw"):
-        yaw = (main.value("mounting_yaw"), main.sigma("mounting_yaw"))
+    if has_force and chosen.is_free("mounting_yaw"):
+        yaw = (chosen.value("mounting_yaw"), chosen.sigma("mounting_yaw"))
     return [roll, (-forward, pitch_error), yaw]
 
 
-def _values_of_logs(main: Fit, name: str) -> tuple[Floats, Floats]:
+def _values_of_logs(chosen: Fit, name: str) -> tuple[Floats, Floats]:
     """Values (l,) of a parameter of each log that shows it, and their standard errors."""
-    names = [f"{name}[{log}]" for log in range(len(main.problem.recording.motions))]
-    free = [one for one in names if main.is_free(one)]
-    return np.array([main.value(one) for one in free]), np.array([main.sigma(one) for one in free])
+    names = [f"{name}[{log}]" for log in range(len(chosen.problem.recording.motions))]
+    free = [name for name in names if chosen.is_free(name)]
+    values = [chosen.value(name) for name in free]
+    return np.array(values), np.array([chosen.sigma(name) for name in free])

@@ -6,12 +6,12 @@ of a few segments.
 """
 
 from collections.abc import Mapping
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import Flags, Floats, Indexes
 from icreckon.estimator.calibration.fit import Fit, few_blocks
 from icreckon.estimator.calibration.noise import log_density
 from icreckon.estimator.calibration.result import Difference, ModelComparison, ModelScore
@@ -37,7 +37,7 @@ class _Blocks(NamedTuple):
 
     distances: Floats  # (blocks,) distance of the windows in each block [m]
     segments: int  # number of moving segments in all blocks
-    drawn: NDArray[np.int64]  # (DRAWS, blocks) blocks of each draw, with replacement
+    drawn: Indexes  # (DRAWS, blocks) blocks of each draw, with replacement
 
     def drift(self, errors: Floats) -> tuple[float, float, float]:
         """Drift [%] of errors (blocks,) [m] or of their difference, and its 95 % interval."""
@@ -75,14 +75,13 @@ def validate(fits: Mapping[str, Fit]) -> ModelComparison:
         drawn=np.random.default_rng(SEED).integers(0, count, (DRAWS, count)),
     )
     sums = {name: _held_out(fit, windows, window_blocks) for name, fit in fits.items()}
-    names = list(sums)
-    differences = {
-        (name, other): _difference(name, other, sums, blocks)
-        for number, name in enumerate(names)
-        for other in names[:number]
-    }
-    supported = names[0]
-    for name in names[1:]:
+    differences = {}
+    for other, name in combinations(sums, 2):
+        drift = blocks.drift(sums[name].error - sums[other].error)
+        gain = blocks.likelihood(sums[name].likelihood - sums[other].likelihood)
+        differences[name, other] = Difference(name, other, *drift, *gain)
+    supported, *later = sums
+    for name in later:
         # Each later model replaces the one chosen so far if it is significantly better than that.
         if differences[name, supported].drift_high < 0.0:
             supported = name
@@ -111,25 +110,8 @@ def _score(name: str, fit: Fit, sums: HeldOutSums, blocks: _Blocks) -> ModelScor
     )
 
 
-def _difference(
-    name: str, other: str, sums: Mapping[str, HeldOutSums], blocks: _Blocks
-) -> Difference:
-    """Difference of the scores of one model from those of another."""
-    drift, drift_low, drift_high = blocks.drift(sums[name].error - sums[other].error)
-    gain, gain_low, gain_high = blocks.likelihood(sums[name].likelihood - sums[other].likelihood)
-    return Difference(name, other, drift, drift_low, drift_high, gain, gain_low, gain_high)
-
-
-def likeliest(comparison: ModelComparison) -> str:
-    """Name of the model with the highest held-out likelihood."""
-    return max(comparison.scores, key=lambda score: score.log_likelihood).model
-
-
-def _jumped(fit: Fit) -> NDArray[np.bool_]:
-    """Mask (n,) of segments whose truth jumped: it turned too unlike the gyro.
-
-    The mask does not depend on the motion model.
-    """
+def _jumped(fit: Fit) -> Flags:
+    """Mask (n,) of segments whose truth turned too unlike the gyro: it jumped."""
     result = np.zeros(len(fit.problem.recording.log), dtype=bool)
     for channel, weight in zip(fit.noise.channels, fit.noise.weights, strict=True):
         if channel.name == "yaw":
@@ -137,7 +119,7 @@ def _jumped(fit: Fit) -> NDArray[np.bool_]:
     return result
 
 
-def _windows(recording: Recording, usable: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+def _windows(recording: Recording, usable: Flags) -> list[Indexes]:
     """Consecutive runs of up to `WINDOW` usable segments (mask (n,)) within a block."""
     windows: list[list[int]] = []
     for segment in range(len(recording.log)):
@@ -152,9 +134,7 @@ def _windows(recording: Recording, usable: NDArray[np.bool_]) -> list[NDArray[np
     return [np.array(window) for window in windows]
 
 
-def _held_out(
-    fit: Fit, windows: list[NDArray[np.int64]], window_blocks: NDArray[np.int64]
-) -> HeldOutSums:
+def _held_out(fit: Fit, windows: list[Indexes], window_blocks: Indexes) -> HeldOutSums:
     """Sums of a model over each block, with parameters estimated without its fold."""
     problem = fit.problem
     block = problem.recording.block
@@ -179,20 +159,14 @@ def _held_out(
     return sums
 
 
-def _window_errors(
-    fit: Fit, values: Floats, windows: list[NDArray[np.int64]]
-) -> tuple[Floats, Floats]:
-    """Distance (w,) of the ends of windows by the model from those by the truth [m].
-
-    The first is with headings from the tracks alone, the second with headings from the gyro.
-    """
+def _window_errors(fit: Fit, values: Floats, windows: list[Indexes]) -> tuple[Floats, Floats]:
+    """Errors (w,) of the ends of windows: headings by tracks alone, by the gyro [m]."""
     problem, recording = fit.problem, fit.problem.recording
     twist, cell = problem.twist(values), recording.cell
     heading, _ = problem.heading(values)
     place = problem.body_places(values)
-    alone: list[float] = []
-    aided: list[float] = []
-    for window in windows:
+    result = np.zeros((2, len(windows)))
+    for index, window in enumerate(windows):
         v_x, v_y, w = (twist[window, :, axis].ravel() for axis in range(3))
         # Headings in the middle of each cell.
         start = heading[window[0], 0]
@@ -200,8 +174,9 @@ def _window_errors(
         turns = np.diff(heading[window], axis=1).ravel()
         by_gyro = start + np.cumsum(turns) - 0.5 * turns
         true_x, true_y = place[recording.ends[window[-1]]] - place[recording.starts[window[0]]]
-        for angle, errors in ((by_tracks, alone), (by_gyro, aided)):
+        for angle, errors in zip((by_tracks, by_gyro), result, strict=True):
             x = cell * (np.cos(angle) * v_x - np.sin(angle) * v_y).sum()
             y = cell * (np.sin(angle) * v_x + np.cos(angle) * v_y).sum()
-            errors.append(float(np.hypot(x - true_x, y - true_y)))
-    return np.array(alone), np.array(aided)
+            errors[index] = np.hypot(x - true_x, y - true_y)
+    by_tracks_alone, with_gyro = result
+    return by_tracks_alone, with_gyro

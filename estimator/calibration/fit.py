@@ -19,17 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import Flags, Floats
 from icreckon.estimator.base.lag_search import jackknife_sigma
-from icreckon.estimator.calibration.noise import (
-    Noise,
-    channels_of,
-    cost,
-    first_noise,
-    flattening,
-    information,
-    refined,
-)
+from icreckon.estimator.calibration import noise as noise_model
+from icreckon.estimator.calibration.noise import Noise, information, refined
 from icreckon.estimator.calibration.residuals import Problem, middle_of
 
 ROUNDS = 12  # largest number of Gauss-Newton steps
@@ -46,8 +39,8 @@ class Fit:
 
     problem: Problem  # the problem that was fitted
     values: Floats  # (p,) estimates; held parameters are at their start
-    free: NDArray[np.bool_]  # (p,) mask of parameters that are not held
-    shown: NDArray[np.bool_]  # (p,) mask of parameters that the logs determine with all free
+    free: Flags  # (p,) mask of parameters that are not held
+    shown: Flags  # (p,) mask of parameters that the logs determine with all free
     sigmas: Floats  # (p,) standard errors; infinite for held parameters
     covariance: Floats  # (p, p) of the free parameters by the likelihood; zero elsewhere
     noise: Noise  # noise of the residuals
@@ -76,11 +69,8 @@ class Fit:
     def not_contradicted(self, names: Iterable[str]) -> frozenset[str]:
         """Find parameters whose start, the robot file's value, the logs do not contradict.
 
-        Beginning with the one that is the most standard errors off, parameters are left out until chance
+        Beginning with the one that is the most standard errors off, they are left out until chance
         explains how far the others are off, each alone and all together (Wald's test at 1 %).
-
-        Args:
-            names: names of parameters; held ones do not count.
         """
         from scipy.special import chdtri
 
@@ -107,7 +97,7 @@ class Fit:
             values[place] = self.problem.start[place]
         return replace(self, values=values)
 
-    def without(self, blocks: NDArray[np.bool_]) -> Floats:
+    def without(self, blocks: Flags) -> Floats:
         """Estimates (p,) without the blocks of a mask (blocks,), by one Gauss-Newton step."""
         free, threshold = np.flatnonzero(self.free), _thresholds(self.problem)
         scaled = _scaled(self.fisher[~blocks].sum(axis=0), free, threshold)
@@ -175,22 +165,16 @@ def _linearised(
     """Parts of a `Fit` from its residuals on; total information (p, p)."""
     residuals, jacobian = problem.linearised(values)
     fisher, score = information(noise, residuals, jacobian, problem.recording.block)
-    total = fisher.sum(axis=0) * flattening(noise, residuals)
+    total = fisher.sum(axis=0) * noise_model.flattening(noise, residuals)
     return (residuals, jacobian, fisher, score), total
 
 
 def _search(
-    problem: Problem,
-    values: Floats,
-    free: NDArray[np.bool_],
-    *,
-    loose: bool,
-    noise: Noise | None = None,
+    problem: Problem, values: Floats, free: Flags, *, loose: bool, noise: Noise | None = None
 ) -> tuple[Floats, Noise]:
-    """Search values (p,) and noise by Gauss-Newton steps, shortened if the cost rises.
+    """Search values (p,) of `free` ones and noise by Gauss-Newton steps.
 
-    Parameters of the mask `free` (p,) change from their initial values, to which `loose` binds them
-    softly (`SOFT_BOUND`). The initial noise is estimated if there is none.
+    `loose` binds them softly to the initial values (`SOFT_BOUND`). Noise None is estimated.
     """
     places, ridge = np.flatnonzero(free), SOFT_BOUND**-2.0 if loose else 0.0
     unit = _thresholds(problem)[places]
@@ -198,12 +182,13 @@ def _search(
     residuals, jacobian = problem.linearised(values)
     if noise is None:
         heading, _ = problem.heading(values)
-        noise = first_noise(channels_of(problem, middle_of(heading)), residuals)
+        channels = noise_model.channels_of(problem, middle_of(heading))
+        noise = noise_model.first_noise(channels, residuals)
     for number in range(ROUNDS):
         is_noise_settled = number >= NOISE_ROUNDS
         noise = refined(noise, residuals, components_too=not is_noise_settled)
         blocks = information(noise, residuals, jacobian, problem.recording.block)
-        fisher, score = (part.sum(axis=0) for part in blocks)
+        fisher, score = (of_blocks.sum(axis=0) for of_blocks in blocks)
         scaled = _scaled(fisher, places, _thresholds(problem)) + ridge * np.eye(len(places))
         slope = unit * score[places] + ridge * (values - search.start)[places] / unit
         step = search.step(values, scaled, slope)
@@ -233,17 +218,11 @@ class _Search(NamedTuple):
 
     def cost(self, values: Floats, residuals: Floats, noise: Noise) -> float:
         """Cost of the residuals of values, and of their distance from the initial ones."""
-        return cost(noise, residuals) + float((self.ridge * self.off_start(values) ** 2).sum())
-
-    def off_start(self, values: Floats) -> Floats:
-        """Differences (a,) from the initial values, in threshold errors."""
-        return np.asarray((values - self.start)[self.places] / self.unit)
+        off_start = (values - self.start)[self.places] / self.unit
+        return noise_model.cost(noise, residuals) + float((self.ridge * off_start**2).sum())
 
     def moved(self, values: Floats, step: Floats, noise: Noise, before: float) -> Floats | None:
-        """Values after the longest part of a step whose cost is not above that `before`.
-
-        None if that of a hundredth of the step still is.
-        """
+        """Values after the longest part of a step (1 to 0.01) that adds no cost, or None."""
         share = 1.0
         for _ in range(6):
             moved = values.copy()
@@ -289,7 +268,7 @@ def _scaled(fisher: Floats, places: NDArray[np.intp], threshold: Floats) -> Floa
     return np.asarray(fisher[np.ix_(places, places)] * scales)
 
 
-def _sigmas(fisher: Floats, free: NDArray[np.bool_], threshold: Floats) -> Floats:
+def _sigmas(fisher: Floats, free: Flags, threshold: Floats) -> Floats:
     """Standard errors (p,) by the likelihood; infinite if held, huge if unobservable."""
     result, places = np.full(len(threshold), np.inf), np.flatnonzero(free)
     values, vectors = np.linalg.eigh(_scaled(fisher, places, threshold))
@@ -315,10 +294,7 @@ def few_blocks(blocks: Floats | float) -> Floats:
 
 
 def _effective_blocks(result: Fit) -> Floats:
-    """Effective number (p,) of blocks for each parameter, weighted by information.
-
-    Satterthwaite's degrees of freedom, of each block's share in a parameter's variance.
-    """
+    """Effective number (p,) of blocks by information (Satterthwaite)."""
     places, threshold = np.flatnonzero(result.free), _thresholds(result.problem)
     scaled = np.array([_scaled(fisher, places, threshold) for fisher in result.fisher])
     inverse = np.linalg.pinv(scaled.sum(axis=0), hermitian=True)

@@ -33,13 +33,10 @@ class GroundForces(NamedTuple):
 
 
 def ground_forces(log: Log, robot: Robot, scale: float, latency: float) -> GroundForces:
-    """Estimate the forces along a log.
+    """Estimate the forces along a log; truth and fixes are not used.
 
-    Args:
-        log: the log; its truth and fixes are not used.
-        robot: the robot, with the mounting of its IMU.
-        scale: true over logged track speeds [-].
-        latency: latency of the track speeds [s].
+    The robot has the mounting of its IMU. Logged track speeds times `scale` [-] are true, and late by the
+    latency [s].
     """
     stamps = log.tracks.stamps - round(latency / NANOSECOND)
     tracks = TrackSpeedSeries(stamps, scale * log.tracks.speeds)

@@ -34,8 +34,7 @@ class Parameter(NamedTuple):
     name: str  # name in the robot file
     unit: str  # "m", "1/N", ...; "-" for none
     start: float  # initial value, from the robot file
-    # threshold error, in the unit; with a larger standard error it is unobservable
-    threshold: float
+    threshold: float  # standard error above which it is unobservable, in the unit
     rank: int  # among parameters that replace each other, the highest is held first
 
 
@@ -52,8 +51,7 @@ class Model:
     """Index model with some free parameters; the other indices are fixed."""
 
     name: str  # one of `MODELS`
-    # none, those of constant ICRs, or all but H; a name has one meaning in all models
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[Parameter, ...]  # none, those of constant ICRs, or all but H
     vehicle: VehicleConstants  # constants of the vehicle
     places: tuple[int, ...]  # places of the parameters in `Indices`
     H: float  # H of the robot file [-]
@@ -70,16 +68,13 @@ class Model:
         vehicle = self.vehicle._replace(rolling_resistance=0.0)
         V_l, V_r = speeds[..., 0], speeds[..., 1]
         memory = (vehicle.mass * forces[..., 0], 0.0, GRAVITY * forces[..., 1], 1.0)
-        motion, by = linearise(
-            V_l, V_r, self.all_parameters(values), NO_SLIP, LEVEL, vehicle, memory
-        )
+        parameters = self.all_parameters(values)
+        motion, by = linearise(V_l, V_r, parameters, NO_SLIP, LEVEL, vehicle, memory)
 
         def in_rep103(rows: Any) -> Floats:
             """Array (..., 3, c) forward, left, yaw of three rows of c entries in paper axes."""
-            right, forward, yaw = (
-                np.stack([np.broadcast_to(entry, V_l.shape) for entry in row], axis=-1)
-                for row in rows
-            )
+            whole = [[np.broadcast_to(entry, V_l.shape) for entry in row] for row in rows]
+            right, forward, yaw = (np.stack(entries, axis=-1) for entries in whole)
             return np.stack([forward, -right, yaw], axis=-2)
 
         by_parameters = in_rep103(by.by_parameters)[..., list(self.places)]

@@ -8,11 +8,11 @@ Taylor, Robust statistical modeling using the t distribution, JASA 84, 1989).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import lgamma
 
 import numpy as np
-from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import Flags, Floats, Indexes
 from icreckon.estimator.calibration.residuals import ACROSS, ALONG, BINS, FORCE, SLIP, YAW, Problem
 
 FREEDOM = 5.0  # degrees of freedom of Student's t
@@ -25,9 +25,8 @@ class Channel:
     """Rows with a common covariance: a sum of matrices times squared components."""
 
     name: str  # "position", "slip", "yaw", "forward force" or "left force"
-    rows: NDArray[np.int64]  # (r, 2) segment and row of each
-    # (c, b, r) matrix of each component, as lower bands in the format of scipy.linalg
-    bands: Floats
+    rows: Indexes  # (r, 2) segment and row of each
+    bands: Floats  # (c, b, r) matrix of each component, lower bands as in scipy.linalg
 
     def covariance(self, components: Floats) -> Floats:
         """Covariance as lower bands (b, r)."""
@@ -85,11 +84,7 @@ def channels_of(problem: Problem, heading: Floats) -> tuple[Channel, ...]:
 
 
 def _position_channel(
-    follows: NDArray[np.bool_],
-    segments: NDArray[np.int64],
-    heading: Floats,
-    turning: Floats,
-    driving: Floats,
+    follows: Flags, segments: Indexes, heading: Floats, turning: Floats, driving: Floats
 ) -> Channel:
     """Channel of the rows along and across of each segment (s,), which alternate.
 
@@ -110,7 +105,7 @@ def _position_channel(
     return Channel("position", _rows(segments, [ALONG, ACROSS]), bands)
 
 
-def _rows(segments: NDArray[np.int64], rows: Sequence[int]) -> NDArray[np.int64]:
+def _rows(segments: Indexes, rows: Sequence[int]) -> Indexes:
     """Pairs (r, 2) of each segment and each of some rows."""
     return np.stack([np.repeat(segments, len(rows)), np.tile(rows, len(segments))], axis=-1)
 
@@ -129,10 +124,7 @@ def first_noise(channels: tuple[Channel, ...], residuals: Floats) -> Noise:
 
 
 def refined(noise: Noise, residuals: Floats, *, components_too: bool = True) -> Noise:
-    """Refit noise to residuals (n, ROWS): weights, then maximum-likelihood components.
-
-    Without `components_too` the weights alone are refitted.
-    """
+    """Refit the noise to residuals (n, ROWS): weights, and components if wanted."""
     components, weights = [], []
     for channel, sigma in zip(noise.channels, noise.components, strict=True):
         selected = channel.select(residuals)
@@ -152,8 +144,6 @@ def t_weights(residuals: Floats, variances: Floats) -> Floats:
 
 def log_density(residuals: Floats, variances: Floats) -> Floats:
     """Log density (r,) under Student's t, whose squared scales are the variances."""
-    from math import lgamma
-
     constant = lgamma(0.5 * (FREEDOM + 1)) - lgamma(0.5 * FREEDOM)
     constant -= 0.5 * np.log(FREEDOM * np.pi)
     squared = residuals**2 / variances
@@ -162,7 +152,7 @@ def log_density(residuals: Floats, variances: Floats) -> Floats:
 
 
 def information(
-    noise: Noise, residuals: Floats, jacobian: Floats, block: NDArray[np.int64]
+    noise: Noise, residuals: Floats, jacobian: Floats, block: Indexes
 ) -> tuple[Floats, Floats]:
     """Information (blocks, p, p) and score (blocks, p), so that both add up.
 
@@ -210,10 +200,7 @@ def flattening(noise: Noise, residuals: Floats) -> float:
 
 
 def cost(noise: Noise, residuals: Floats) -> float:
-    """Twice the negative log likelihood of residuals (n, ROWS), without constants.
-
-    The weights are fixed.
-    """
+    """Twice the negative log likelihood of residuals (n, ROWS) at fixed weights."""
     total = 0.0
     for channel, sigma, weight in zip(noise.channels, noise.components, noise.weights, strict=True):
         weighted = channel.select(residuals) * np.sqrt(weight)
@@ -242,6 +229,6 @@ def _most_likely(channel: Channel, start: Floats, residuals: Floats) -> Floats:
     return np.exp(best.x if best.fun < negative_log_likelihood(logs) else logs)
 
 
-def _linked(follows: NDArray[np.bool_], segments: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _linked(follows: Flags, segments: Indexes) -> Flags:
     """Mask (s - 1,) of segments (s,) that begin at the end of the one listed before."""
     return np.asarray((np.diff(segments) == 1) & follows[segments[1:]])

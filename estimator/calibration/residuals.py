@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import Flags, Floats, Indexes
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.calibration.models import THRESHOLD, Model, Parameter
 from icreckon.estimator.calibration.segments import Recording
@@ -47,8 +47,7 @@ class Problem:
 
     recording: Recording  # the segments
     model: Model  # the motion model
-    # everything that may be free: common ones, those of each log (named "name[log]"), those of the
-    # model
+    # all that may be free: common ones, those of each log (named "name[log]"), those of the model
     parameters: tuple[Parameter, ...]
     imu_position: tuple[float, float]  # position of the IMU in base_link, forward and left [m]
     force: bool  # True if the specific force is used
@@ -87,7 +86,9 @@ class Problem:
 
     def twist(self, values: Floats) -> Floats:
         """Twists (n, m, 3) of the model."""
-        return self.model.linearise(self._speeds(values), self.own(values), self.forces).twist
+        scale, difference, latency = (values[self.place(name)] for name in TRACK_PARAMETERS)
+        speeds = scale * (1.0 + SIDES * difference) * self.recording.speeds(latency)
+        return self.model.linearise(speeds, self.own(values), self.forces).twist
 
     def linearised(self, values: Floats) -> tuple[Floats, Floats]:
         """Residuals (n, ROWS) and their derivatives (n, ROWS, p)."""
@@ -131,16 +132,14 @@ class Problem:
         return rows, jacobian
 
     def heading(self, values: Floats) -> tuple[Floats, Floats]:
-        """Heading (n, m + 1) by the gyro at ends of cells, aligned with the truth [rad].
-
-        Also its error (n,): the rotation by the truth less that by the gyro [rad].
-        """
+        """Heading (n, m + 1) by the gyro at ends of cells, and its error (n,) [rad]."""
         recording = self.recording
         bias = self._by_segment(values, "gyro_bias")
         scale = values[self.place("gyro_scale")]
         turned = (recording.turned - bias[:, None] * recording.edges) / scale
         _, _, yaw = recording.knots(self._by_log(values, "lag"))
         at_start, at_end = yaw[recording.starts], yaw[recording.ends]
+        # Rotation by the truth less that by the gyro.
         apart = wrap_angle(at_end - at_start - (turned[:, -1] - turned[:, 0]))
         offset = at_start - turned[:, 0] + 0.5 * apart
         return turned + offset[:, None], np.asarray(apart)
@@ -188,9 +187,8 @@ class Problem:
         rows[:, ALONG], rows[:, ACROSS] = cos * step_x + sin * step_y, -sin * step_x + cos * step_y
         rows[:, SLIP], rows[:, YAW] = heading[:, -1] - heading[:, 0], apart
         if self.force:
-            rows[:, FORCE:] = self._measured_forces(
-                values, np.diff(heading, axis=1) / recording.cell
-            )
+            rates = np.diff(heading, axis=1) / recording.cell
+            rows[:, FORCE:] = self._measured_forces(values, rates)
         return rows
 
     def _measured_forces(self, values: Floats, rate: Floats) -> Floats:
@@ -200,13 +198,8 @@ class Problem:
             imu_x += float(values[self.place("imu_forward")])
             imu_y += float(values[self.place("imu_left")])
         # Accelerations of the IMU's place about the origin: w x r is its velocity.
-        about_x, about_y = _mean_accelerations(
-            rate,
-            -imu_y * rate[..., None],
-            imu_x * rate[..., None],
-            self._marks,
-            self.recording.cell,
-        )
+        forward, left, cell = -imu_y * rate[..., None], imu_x * rate[..., None], self.recording.cell
+        about_x, about_y = _mean_accelerations(rate, forward, left, self._marks, cell)
         offset_x = self._by_segment(values, "offset_forward")[:, None]
         offset_y = self._by_segment(values, "offset_left")[:, None]
         turn = values[self.place("mounting_yaw")]
@@ -217,15 +210,10 @@ class Problem:
         return np.concatenate([force_x, force_y], axis=1)
 
     @property
-    def _marks(self) -> NDArray[np.int64]:
+    def _marks(self) -> Indexes:
         """Indices (BINS + 1,) of the cells in whose middles the parts of a segment end."""
         cells = self.recording.edges.shape[1] - 1
         return np.round(np.linspace(0, cells - 1, BINS + 1)).astype(np.int64)
-
-    def _speeds(self, values: Floats) -> Floats:
-        """Track speeds (n, m, 2) with scale, difference of the radii and latency [m/s]."""
-        scale, difference, latency = (values[self.place(name)] for name in TRACK_PARAMETERS)
-        return np.asarray(scale * (1.0 + SIDES * difference) * self.recording.speeds(latency))
 
     def own(self, values: NDArray[Any]) -> NDArray[Any]:
         """Part of values (p,) for the model's own parameters, which are last; a view."""
@@ -240,18 +228,14 @@ class Problem:
         """Values (n,) of a parameter of each log, for each segment."""
         return np.asarray(self._by_log(values, name)[self.recording.log])
 
-    def counted_rows(self) -> NDArray[np.bool_]:
-        """Mask (n, ROWS) of rows that count.
-
-        Standstill determines only the gyro's bias. Headings from the path of tracks and gyro show nothing
-        of the gyro.
-        """
+    def counted_rows(self) -> Flags:
+        """Mask (n, ROWS) of rows that count: at standstill only those of the gyro's bias."""
         recording = self.recording
         result = np.repeat(recording.moving[:, None], ROWS, axis=1)
         result[:, SLIP] = True
         has_headings = np.array([motion.own_headings for motion in recording.motions])
         result[:, YAW] &= has_headings[recording.log]
-        has_force = np.array([motion.pushed is not None for motion in recording.motions])
+        has_force = np.array([motion.force_integral is not None for motion in recording.motions])
         result[:, FORCE:] &= has_force[recording.log][:, None] & self.force
         return result
 
@@ -262,12 +246,11 @@ def middle_of(heading: Floats) -> Floats:
 
 
 def _mean_accelerations(
-    rate: Floats, forward: Floats, left: Floats, marks: NDArray[np.int64], cell: float
+    rate: Floats, forward: Floats, left: Floats, marks: Indexes, cell: float
 ) -> tuple[Floats, Floats]:
-    """Mean accelerations (n, b, c) forward and left between marked cells [m/s²].
+    """Mean accelerations (n, b, c) forward, left between marked cells (b + 1,) [m/s²].
 
-    They are of velocities (n, m, c) [m/s] of a body with yaw rates (n, m) [rad/s], between the middles
-    of the cells with indices `marks` (b + 1,); `cell` is the length of a cell [s].
+    Velocities are (n, m, c) [m/s], yaw rates (n, m) [rad/s]; `cell` is the length of a cell [s].
     """
     turn = rate[..., None]
     spans = (np.diff(marks) * cell)[None, :, None]
@@ -297,7 +280,7 @@ def problem_of(
     known, `PLACING_PARAMETERS` are held.
     """
     length = THRESHOLD * robot.vehicle.track_gauge
-    force = any(motion.pushed is not None for motion in recording.motions)
+    force = any(motion.force_integral is not None for motion in recording.motions)
     # A threshold of zero holds a parameter.
     forward, left = lever_arm or (0.0, 0.0)
     lever_threshold = length if lever_arm is None else 0.0
@@ -324,10 +307,8 @@ def problem_of(
             Parameter(f"offset_left[{log}]", "m/s²", 0.0, 0.5, 87),
         ]
     if lever_arm is None and not (force and imu_place_known):
-        own = [
-            p._replace(threshold=0.0) if p.name in PLACING_PARAMETERS else p
-            for p in model.parameters
-        ]
+        held = {p for p in model.parameters if p.name in PLACING_PARAMETERS}
+        own = (p._replace(threshold=0.0) if p in held else p for p in model.parameters)
         model = replace(model, parameters=tuple(own))
     x, y, _ = robot.imu.position
     return Problem(recording, model, (*common, *model.parameters), (x, y), force)

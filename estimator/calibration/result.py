@@ -139,11 +139,11 @@ class ModelComparison:
 
     def score(self, model: str) -> ModelScore:
         """Score of one of the models that were compared, by its name."""
-        return next(one for one in self.scores if one.model == model)
+        return next(score for score in self.scores if score.model == model)
 
     def difference(self, model: str, than: str) -> Difference:
         """Difference of two models; listed with the one with more parameters first."""
-        return next(one for one in self.differences if {one.model, one.than} == {model, than})
+        return next(pair for pair in self.differences if {pair.model, pair.than} == {model, than})
 
 
 @dataclass(frozen=True)
@@ -190,12 +190,5 @@ class Calibration:
     notes: tuple[str, ...] = ()
 
     def parameter(self, name: str) -> FoundParameter:
-        """Parameter by its name.
-
-        Raises:
-            KeyError: an unknown name.
-        """
-        for one in self.parameters:
-            if one.name == name:
-                return one
-        raise KeyError(name)
+        """Parameter by its name; `KeyError` for an unknown one."""
+        return {parameter.name: parameter for parameter in self.parameters}[name]

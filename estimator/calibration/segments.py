@@ -8,29 +8,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Indexes, Stamps
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import relative
 from icreckon.estimator.calibration.ground_forces import GroundForces
-from icreckon.estimator.log.lag import (
-    LEAST_TURN,
-    WINDOW,
-    Curve,
-    NoLag,
-    find_lag,
-    heading_of,
-    turned,
-)
+from icreckon.estimator.log import lag as log_lag
+from icreckon.estimator.log.lag import Curve, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import even_grid
 from icreckon.estimator.log.series import ImuSeries, PoseSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 
-Indexes = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 Series = tuple[Floats, Floats]  # times (t,) [s] and values (t, k)
 
 CELL = 0.05  # approximate length of a cell [s]
@@ -59,17 +49,16 @@ class Motion:
 
     log: Log  # source of the series
     track_times: Floats  # (k,) times of the track speeds [s]
-    track_ways: Floats  # (k, 2) distance of each track since the start [m]
+    track_distances: Floats  # (k, 2) distance of each track since the start [m]
     imu_times: Floats  # (i,) times of the IMU samples [s]
     turned: Floats  # (i,) integral of the uncorrected gyro rate about the vertical [rad]
-    pushed: Floats | None  # (i, 2) integral of the specific force forward and left [m/s], or None
+    force_integral: Floats | None  # (i, 2) of the specific force forward and left [m/s], if any
     truth_times: Floats  # (t,) times of the truth, as stamped [s]
     truth: Floats  # (t, 3) x, y [m], yaw [rad], unwrapped
     lag: float  # initial estimate of the truth's lag [s]; 0 if none was found
     no_lag: NoLag | None  # reason why none was found; None if it was
     bias: float  # initial estimate of the gyro's bias [rad/s]
-    # forces that the ground balances; None before they are estimated
-    forces: GroundForces | None = None
+    forces: GroundForces | None = None  # None before they are estimated
     own_headings: bool = True  # False if the truth's headings are from the path of tracks and gyro
 
 
@@ -82,8 +71,8 @@ class Recording:
     log: Indexes  # (n,) index of each segment's log
     edges: Floats  # (n, m + 1) ends of its cells [s since the log's start]
     turned: Floats  # (n, m + 1) integral of the gyro at these ends [rad]
-    moving: Mask  # (n,) True if the robot moves throughout the segment
-    follows: Mask  # (n,) True if it begins at the end of the previous one
+    moving: Flags  # (n,) True if the robot moves throughout the segment
+    follows: Flags  # (n,) True if it begins at the end of the previous one
     block: Indexes  # (n,) index of its block; blocks are contiguous
     starts: Indexes  # (n,) knot at which it begins
     ends: Indexes  # (n,) knot at which it ends
@@ -91,8 +80,7 @@ class Recording:
     knot_times: Floats  # (k,) time of each knot [s]
     pair_knot: Indexes  # (p,) knot of each truth pose near a knot
     pair_pose: Indexes  # (p,) index of that pose in its log's truth
-    # dead-reckoned poses of each log: times (q,) [s] and (q, 3), to carry truth over to knots
-    paths: tuple[Series, ...]
+    paths: tuple[Series, ...]  # dead-reckoned path of each log: times (q,) [s], poses (q, 3)
 
     @property
     def cell(self) -> float:
@@ -101,29 +89,25 @@ class Recording:
 
     def speeds(self, latency: float) -> Floats:
         """Mean track speeds (n, m, 2) of each cell [m/s], corrected for a latency [s]."""
-        series = [(motion.track_times, motion.track_ways) for motion in self.motions]
-        return np.asarray(
-            np.diff(self._interpolate(self.edges + latency, series), axis=1) / self.cell
-        )
+        series = [(motion.track_times, motion.track_distances) for motion in self.motions]
+        distances = self._interpolate(self.edges + latency, series)
+        return np.asarray(np.diff(distances, axis=1) / self.cell)
 
     def ground_forces(self) -> Floats:
-        """Forces (n, m, 2) in the middle of each cell: S over the mass [m/s²], P [-].
-
-        They are zero if they are not estimated yet.
-        """
+        """Forces (n, m, 2) at middles of cells: S over mass [m/s²], P [-]; zero if unset."""
         middles = 0.5 * (self.edges[:, 1:] + self.edges[:, :-1])
-        forces = [motion.forces for motion in self.motions]
-        series = [one and (one.times, np.column_stack([one.lateral, one.along])) for one in forces]
+        series: list[Series | None] = [None] * len(self.motions)
+        for log, motion in enumerate(self.motions):
+            if motion.forces is not None:
+                times, lateral, along = motion.forces
+                series[log] = times, np.column_stack([lateral, along])
         return self._interpolate(middles, series)
 
     def mean_force(self, marks: Indexes) -> Floats:
-        """Mean specific force (n, b, 2), forward and left, between marked cells [m/s²].
-
-        It is averaged between the middles of the cells (b + 1,), and zero for a log without one.
-        """
+        """Mean specific force (n, b, 2) between marked cells [m/s²]; zero without one."""
         times = 0.5 * (self.edges[:, marks] + self.edges[:, marks + 1])
-        pairs = [(motion.imu_times, motion.pushed) for motion in self.motions]
-        series = [None if pushed is None else (at, pushed) for at, pushed in pairs]
+        pairs = [(motion.imu_times, motion.force_integral) for motion in self.motions]
+        series = [None if integral is None else (at, integral) for at, integral in pairs]
         changes = np.diff(self._interpolate(times, series), axis=1)
         return np.asarray(changes / np.diff(times, axis=1)[..., None])
 
@@ -142,8 +126,7 @@ class Recording:
         It is the weighted mean of the truth poses near a knot, carried over to it by dead reckoning.
 
         Returns:
-            Position (k, 2) [m], mean rotation matrix (k, 2, 2) by its yaw (for a lever arm), and yaw
-            (k,) [rad].
+            Position (k, 2) [m], mean rotation matrix (k, 2, 2) by the yaw, and yaw (k,) [rad].
         """
         # Columns: x, y [m], cosine and sine of the yaw, yaw [rad].
         means = np.zeros((len(self.knot_times), 5))
@@ -167,10 +150,9 @@ def _interpolated(wanted: Floats, times: Floats, values: Floats) -> Floats:
 
 
 def _carried_over(poses: Floats, times: Floats, knot_times: Floats, path: Series) -> Floats:
-    """Truth poses (p, 3) at times (p,), moved along a path to those of knots (p,).
+    """Truth poses (p, 3), moved along a path from their times (p,) to knots (p,).
 
-    Returns:
-        x, y [m], cosine and sine of the yaw before the move, and yaw [rad] (p, 5).
+    The result (p, 5) is x, y [m], cosine and sine of the yaw before the move, and yaw [rad].
     """
     step = relative(_interpolated(times, *path), _interpolated(knot_times, *path))
     x, y, yaw = poses.T
@@ -183,10 +165,9 @@ def _carried_over(poses: Floats, times: Floats, knot_times: Floats, path: Series
 def _weights_at_knots(knot: Indexes, after: Floats, after_initial: Floats, knots: int) -> Floats:
     """Weights (p,) of poses `after` (p,) [s] their knots in the value at these.
 
-    The value is that of a line through all poses of a knot: in their mean, more poses on one side would
-    add the path's errors in the motion since. If most lie on one side, the value is the mean: a line
-    would amplify their noise. The times by the initial lag decide which, for a choice by the lag that is
-    to be estimated would make the residuals jump.
+    The value is that of a line through all poses of a knot. If most lie on one side of it, a line would
+    amplify noise, and the value is their mean. The times by the initial lag decide which: a choice by the
+    lag that is estimated would make the residuals jump.
     """
     poses_at, mean, variance = _moments(knot, after_initial, knots)
     has_line = (poses_at >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance)
@@ -203,11 +184,7 @@ def _moments(knot: Indexes, after: Floats, knots: int) -> tuple[Floats, Floats, 
 
 
 def motion_of(log: Log, robot: Robot) -> Motion:
-    """Make the continuous series of a log.
-
-    Raises:
-        EstimatorError: there is no truth, no IMU, or too little of a stream.
-    """
+    """Make the continuous series of a log; `EstimatorError` if it has too little."""
     poses, imu = _truth_and_imu(log)
     imu_times = _seconds(imu.stamps, log.start)
     # A gyro reading is a mean since the one before, but is integrated as the rate at its stamp: half an
@@ -217,17 +194,18 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     track_steps = np.diff(track_times)[:, None] * log.tracks.speeds[1:]
     # The scale of the gyro is estimated: that of the file, which is in the mounting, is removed.
     by_gyros = robot.imu.gyro_scale * SensorModels(robot).mounting[0]
-    gyro, heading = turned(imu.stamps, imu.angular_velocity @ by_gyros), heading_of(poses)
-    found_lag = find_lag(heading, gyro, least=LEAST_TURN)
+    gyro = log_lag.turned(imu.stamps, imu.angular_velocity @ by_gyros)
+    heading = log_lag.heading_of(poses)
+    found_lag = log_lag.find_lag(heading, gyro, least=log_lag.LEAST_TURN)
     no_lag = found_lag if isinstance(found_lag, NoLag) else None
     lag = 0.0 if isinstance(found_lag, NoLag) else found_lag.seconds
     return Motion(
         log=log,
         track_times=track_times,
-        track_ways=np.concatenate([np.zeros((1, 2)), np.cumsum(track_steps, axis=0)]),
+        track_distances=np.concatenate([np.zeros((1, 2)), np.cumsum(track_steps, axis=0)]),
         imu_times=imu_times,
         turned=gyro.values,
-        pushed=_integrated_force(imu, imu_times, robot),
+        force_integral=_integrated_force(imu, imu_times, robot),
         truth_times=_seconds(poses.stamps, log.start),
         truth=np.column_stack([poses.poses[:, :2], heading.values]),
         lag=lag,
@@ -269,12 +247,7 @@ def _seconds(stamps: Stamps, start: int) -> Floats:
 
 
 def record(
-    motions: Sequence[Motion],
-    robot: Robot,
-    length: float,
-    *,
-    scale: float = 1.0,
-    difference: float = 0.0,
+    motions: Sequence[Motion], robot: Robot, length: float, *, difference: float, scale: float = 1.0
 ) -> Recording:
     """Cut logs into segments of equal length, one after another between gaps.
 
@@ -282,8 +255,8 @@ def record(
         motions: the series of each log, with the lag to use.
         robot: robot model of the path along which truth is carried over to knots.
         length: length of a segment [s].
-        scale: scale of the track speeds, for that path [-].
         difference: scale of the right track less that of the left, for that path [-].
+        scale: scale of the track speeds, for that path [-].
 
     Raises:
         EstimatorError: too few segments that move, or too little turning.
@@ -295,12 +268,10 @@ def record(
     for number, motion in enumerate(motions):
         own = log == number
         turned[own] = np.interp(edges[own], motion.imu_times, motion.turned)
-        ways = _interpolated(edges[own], motion.track_times, motion.track_ways)
-        fastest_in[own] = np.abs(np.diff(ways, axis=1)).max(axis=(1, 2), initial=0.0)
-    fastest = max(
-        float(np.abs(np.diff(motion.track_ways, axis=0).T / np.diff(motion.track_times)).max())
-        for motion in motions
-    )
+        distances = _interpolated(edges[own], motion.track_times, motion.track_distances)
+        fastest_in[own] = np.abs(np.diff(distances, axis=1)).max(axis=(1, 2), initial=0.0)
+    speeds = [np.diff(m.track_distances, axis=0).T / np.diff(m.track_times) for m in motions]
+    fastest = max(float(np.abs(of_motion).max()) for of_motion in speeds)
     moving = fastest_in * cells / length > STILL_SHARE * fastest
     _require_motion(motions, length, turned, moving)
     # A segment that follows another begins at the knot at which that ends; others have two new knots.
@@ -333,7 +304,7 @@ def record(
     )
 
 
-def _segments(motions: Sequence[Motion], length: float) -> tuple[Indexes, Floats, Mask]:
+def _segments(motions: Sequence[Motion], length: float) -> tuple[Indexes, Floats, Flags]:
     """Log, begin [s] and `Recording.follows` (n,) of segments of a length [s]."""
     logs, begins, follows = [], [], []
     for number, motion in enumerate(motions):
@@ -347,7 +318,9 @@ def _segments(motions: Sequence[Motion], length: float) -> tuple[Indexes, Floats
     return np.concatenate(logs), np.concatenate(begins), np.concatenate(follows)
 
 
-def _require_motion(motions: Sequence[Motion], length: float, turned: Floats, moving: Mask) -> None:
+def _require_motion(
+    motions: Sequence[Motion], length: float, turned: Floats, moving: Flags
+) -> None:
     """Reject too few moving segments, and too little turning by the gyro (n, m + 1)."""
     moved = int(moving.sum())
     if moved < LEAST_SEGMENTS:
@@ -370,11 +343,8 @@ def _too_short(motions: Sequence[Motion], found: int, length: float) -> Estimato
     )
 
 
-def _blocks(log: Indexes, moving: Mask) -> Indexes:
-    """Block (n,) of each segment; each has about as many moving segments.
-
-    A block is contiguous and of one log. One of less than half the size joins the block before it.
-    """
+def _blocks(log: Indexes, moving: Flags) -> Indexes:
+    """Block (n,) of each segment: contiguous, of one log, alike in moving segments."""
     size = int(np.clip(moving.sum() // BLOCKS, SMALLEST_BLOCK, LARGEST_BLOCK))
     blocks, block, moving_in_block = np.zeros(len(log), dtype=np.int64), 0, 0
     for segment in range(len(log)):
@@ -383,6 +353,7 @@ def _blocks(log: Indexes, moving: Mask) -> Indexes:
             block, moving_in_block = block + 1, 0
         moving_in_block += int(moving[segment])
         blocks[segment] = block
+    # A block of less than half the size joins the one before it.
     for last in range(block, 0, -1):
         in_last, first = np.asarray(blocks == last), int(np.argmax(blocks == last))
         if moving[in_last].sum() < (size + 1) // 2 and log[first] == log[first - 1]:
@@ -434,14 +405,14 @@ def _pieces(motion: Motion) -> list[tuple[float, float]]:
 def _path(motion: Motion, robot: Robot, scale: float, difference: float) -> Series:
     """Times [s] and poses of dead reckoning by gyro and the robot's constant ICRs."""
     times = even_grid(motion.track_times[0], motion.track_times[-1], 0.02, motion.track_times)
-    ways = _interpolated(times, motion.track_times, motion.track_ways)
+    distances = _interpolated(times, motion.track_times, motion.track_distances)
     measured = np.interp(times, motion.imu_times, motion.turned)
     yaw = (measured - motion.bias * times) / robot.imu.gyro_scale
     indices = robot.constant_indices
     turned = np.diff(yaw)
     # Shares of the left and the right track in the forward motion.
     sides = scale * (0.5 + 0.25 * difference * np.array([-1.0, 1.0]))
-    forward = np.diff(ways, axis=0) @ sides - turned * indices.epsilon0
+    forward = np.diff(distances, axis=0) @ sides - turned * indices.epsilon0
     left = -turned * indices.zeta0
     middle = 0.5 * (yaw[1:] + yaw[:-1])
     cos, sin = np.cos(middle), np.sin(middle)
@@ -457,7 +428,7 @@ def _integrated_force(imu: ImuSeries, times: Floats, robot: Robot) -> Floats | N
     readings = imu.linear_acceleration
     if readings is None:
         return None
-    finite: Mask = np.asarray(np.isfinite(readings).all(axis=1))
+    finite: Flags = np.asarray(np.isfinite(readings).all(axis=1))
     if finite.sum() < LEAST_FINITE * len(finite):
         return None
     levelled = readings[finite] @ robot.imu_rotation[:2].T
@@ -469,6 +440,6 @@ def _initial_bias(truth: Curve, gyro: Curve, lag: float) -> float:
     """Initial gyro bias [rad/s]: median of gyro less truth, which lags by `lag` [s]."""
     origin = int(truth.stamps[0])
     seconds = (truth.stamps - origin) * NANOSECOND
-    starts = even_grid(0.0, seconds[-1] - WINDOW, 0.25, seconds)
+    starts = even_grid(0.0, seconds[-1] - log_lag.WINDOW, 0.25, seconds)
     turned_apart = gyro.changes(origin, starts - lag) - truth.changes(origin, starts)
-    return float(np.median(turned_apart)) / WINDOW
+    return float(np.median(turned_apart)) / log_lag.WINDOW

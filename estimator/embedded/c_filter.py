@@ -62,7 +62,7 @@ from icreckon.estimator.streaming.latencies import Latencies
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.c_functions import Functions
 from icreckon.estimator.tracing.c_kernel import function_name, kernel_in_c, literal
-from icreckon.estimator.tracing.c_types import INT, REAL, Code, Type
+from icreckon.estimator.tracing.c_writer import INT, REAL, Code, Type
 from icreckon.estimator.tracing.kernel import Kernel, Store
 
 TEMPLATES = Path(__file__).parent / "templates"

@@ -5,7 +5,7 @@ from typing import Any
 
 from icreckon.estimator.base.records import CLOCK, field_types
 from icreckon.estimator.tracing.c_kernel import literal
-from icreckon.estimator.tracing.c_types import INT, REAL, Type
+from icreckon.estimator.tracing.c_writer import INT, REAL, Type
 
 
 class Records:

@@ -29,12 +29,11 @@ LEAST_DISTANCE, LEAST_TIME = 1e-3, 1e-6
 class Departure(NamedTuple):
     """Departure of position fixes from the path."""
 
-    # time for which rejected fixes have departed [s]; 0 after a fix that does not depart
-    time: Any = 0.0
-    from_x: Any = 0.0  # place on the path of the newest fix that does not depart, x [m]
-    from_y: Any = 0.0  # y of that place [m]
-    by_x: Any = 0.0  # innovation of the newest fix, along x [m]
-    by_y: Any = 0.0  # along y [m]
+    time: Any = 0.0  # time for which rejected fixes have departed; 0 after one that does not [s]
+    from_x: Any = 0.0  # place on the path of the newest fix that does not depart [m]
+    from_y: Any = 0.0
+    by_x: Any = 0.0  # innovation of the newest fix [m]
+    by_y: Any = 0.0
 
 
 class Indicated(NamedTuple):

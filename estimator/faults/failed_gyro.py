@@ -6,9 +6,7 @@ clipped or frozen repeats its reading to the last digit. (The yaw rate does not:
 square, and the noise of its other axes is in that rate.) Coarse gyros and slow sensors repeat their
 readings, too; so repetition counts only if the turning of the tracks changes meanwhile, and much longer
 than in the gyro's own earlier repetitions. A gyro that contradicts the tracks without any of these signs
-is used: tracks slip every day.
-
-The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+is used: tracks slip every day. Functions are plain Python, also for numba.
 """
 
 import math
@@ -43,8 +41,7 @@ class GyroRecord(msgspec.Struct):
     reading: float = 0.0  # its reading about the most upright axis of the IMU [rad/s]
     size: Size = MEAN_CHANGE_AT_START  # mean size of the changes between samples [rad/s]
     turning: float = 0.0  # difference of the track speeds at it [m/s]
-    # number of changes of the reading while the tracks' turning changed, at most `LEARNT`
-    changes: Count = 0
+    changes: Count = 0  # changes of the reading as the tracks' turning changed, up to `LEARNT`
     repeats: Count = 0  # number of changes of the turning since the reading last changed
     most_repeats: Count = 0  # largest such number without a fault
     # `WORKS`, `JUMPED`, `REPEATS` or `BEYOND` its range
@@ -114,10 +111,7 @@ def watch_gyro(
 
 
 def count_repeats(gyro: GyroRecord, turning: float, repeated: bool) -> None:
-    """Count changes of the tracks' `turning` [m/s] over equal readings.
-
-    `repeated` is True if the newest reading equals the one before. Otherwise the count begins again.
-    """
+    """Count changes of the tracks' `turning` [m/s] while the reading is `repeated`."""
     has_changed = turning != gyro.turning
     gyro.turning = turning
     if repeated:
@@ -147,13 +141,7 @@ def is_jump_over(
     """Return True if the gyro reads a yaw rate again, after a jump.
 
     It does once it jumps back, the tracks have jumped along, or both have agreed for `AGREEMENT_TIME`.
-
-    Args:
-        gyro: record; its time of agreement is changed.
-        dt: time since the reading before [s].
-        change: change of the reading since then [rad/s].
-        track_rate: yaw rate by the tracks [rad/s].
-        track_rate_before: the same a moment before [rad/s].
+    `change` is that of the reading over `dt` [s], `track_rate` the yaw rate by the tracks [rad/s].
     """
     limit = JUMP_SHARE * abs(gyro.jump)
     jump_sign = 1.0 if gyro.jump > 0.0 else -1.0

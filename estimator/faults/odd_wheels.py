@@ -3,9 +3,8 @@
 The wheels of a side roll over the ground at one speed. If each has a motor and a sensor of its own, one
 that loses its grip or sticks shows it with certainty. Of three wheels or more the median counts. Of two,
 the one counts that fits the other side's speed and the gyro; as long as that does not decide, their mean
-does, and its error grows with the time. Wheels that are coupled never disagree.
-
-The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+does, and its error grows with the time. Wheels that are coupled never disagree. Functions are plain
+Python, also for numba.
 """
 
 import math
@@ -44,15 +43,12 @@ class WheelsRecord(msgspec.Struct):
 
     since: Stamp = NEVER  # stamp from which on they disagree [ns], or NEVER
     newest: Stamp = NEVER  # stamp of the newest sample in which they did [ns], or NEVER
-    # stamp at which it was last certain which of them is right [ns], or NEVER
-    decided: Stamp = NEVER
+    decided: Stamp = NEVER  # stamp of the last certainty which is right [ns], or NEVER
     # index of the wheel that is not used, or `NO_WHEEL`
     odd: Annotated[int, msgspec.Meta(ge=NO_WHEEL)] = NO_WHEEL
-    # distance of that wheel from the speed of the side, or else of the two speeds that are possible
-    # from their mean [m/s]
+    # distance of that wheel from the side's speed, or else of both possible speeds from their mean [m/s]
     apart: Size = 0.0
-    # standard deviation of the side's speed, because it is not certain which is right [m/s]
-    doubt: Size = 0.0
+    doubt: Size = 0.0  # standard deviation of the side's speed by that uncertainty [m/s]
     way: Size = 0.0  # distance by which the wheels have disagreed [m]
     samples: Count = 0  # number of samples in which they did
     times: Count = 0  # number of times that they were found to disagree
@@ -72,12 +68,9 @@ def least_apart(fastest: float) -> float:
 
 
 def side_speeds(mean: float, wheels: Wheels, limit: float) -> SideSpeeds:
-    """Speeds that a side may have.
+    """Speeds that a side may have, by the mean and the speeds of its wheels [m/s].
 
-    Args:
-        mean: mean of its wheels [m/s].
-        wheels: speeds of the wheels [m/s]; fewer than two show nothing.
-        limit: least distance of two that disagree [m/s].
+    Fewer than two wheels show nothing; two disagree if they are more than `limit` apart [m/s].
     """
     if len(wheels) < 2 or range_of(wheels) <= limit:
         return SideSpeeds(mean, mean, True)
@@ -152,10 +145,7 @@ def take_wheels(
 
 
 def turning_by_gyro(spin: SpinRecord, stamp: int) -> tuple[float, float]:
-    """Difference of the sides by the gyro, right less left, and its error [m/s].
-
-    The difference is NaN if the gyro shows nothing: it is silent or fails, or a whole track spins.
-    """
+    """Right less left side by the gyro, NaN if not known, and its error [m/s]."""
     is_recent = spin.stamp != NEVER and abs(stamp - spin.stamp) * NANOSECOND <= LONGEST_INTERVAL
     if not is_recent or is_found(spin):
         return math.nan, 0.0
@@ -201,12 +191,9 @@ def take_side(
     possible: SideSpeeds,
     wheels: Wheels,
     speed: float,
-    is_decided: bool,
+    certain: bool,
 ) -> None:
-    """Add a sample of one side to its record.
-
-    `speed` is by `side_speed` [m/s], `is_decided` by `is_certain`. Agreement resets the record.
-    """
+    """Add a sample with the chosen `speed` of one side; agreement resets its record."""
     if possible.agrees:
         if side.since != NEVER and (stamp - side.newest) * NANOSECOND > AGREEMENT_TIME:
             side.since = side.newest = side.decided = NEVER
@@ -222,7 +209,7 @@ def take_side(
     side.way += range_of(wheels) * interval
     side.times += are_found(side) and not was_found
     side.doubt = half = 0.5 * (possible.high - possible.low)
-    if is_decided:
+    if certain:
         side.doubt, side.decided = 0.0, stamp
     elif not 0 <= side.odd < len(wheels):
         side.apart = half
@@ -237,11 +224,11 @@ def take_side(
 def wheel_density(side: WheelsRecord, newest: int, start: int, end: int) -> float:
     """Error density of a side in doubt, over a step from start to end [ns] [m²/s].
 
-    The distance is off by the doubt times its duration, at one standard deviation. It is zero unless the
-    wheels disagree in the `newest` track speeds [ns].
+    It is zero unless the wheels disagree in the `newest` track speeds [ns].
     """
     if side.doubt == 0.0 or side.newest != newest or newest == NEVER:
         return 0.0
     since = max(side.since, side.decided)
+    # The distance is off by the doubt times its duration, at one standard deviation.
     age = max(0.0, 0.5 * (start - since + end - since) * NANOSECOND)
     return 2.0 * side.doubt * side.doubt * age

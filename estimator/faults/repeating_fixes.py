@@ -2,8 +2,7 @@
 
 A receiver that lost its signal, or a driver that sends the newest position again, gives one position with
 fresh stamps. A position that is measured again differs from the one before, if only in its last digits.
-
-The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+Functions are plain Python, also for numba.
 """
 
 import msgspec
@@ -27,21 +26,15 @@ class PlaceRecord(msgspec.Struct):
     y: float = 0.0  # position [m]
     stamp: Stamp = NEVER  # stamp of the newest fix there [ns], or NEVER
     driven: float = 0.0  # way forward by the tracks since the first fix there [m]
-    # longest such way after which the position changed, at most `MOST_DRIVEN` [m]
-    longest: Size = 0.0
+    longest: Size = 0.0  # longest such way before a change, up to `MOST_DRIVEN` [m]
     changes: Count = 0  # number of changes of position while driving, at most `ENOUGH_CHANGES`
     rejected: Count = 0  # number of fixes that were not used because they repeat a position
 
 
 def repeats(place: PlaceRecord, stamp: int, x: float, y: float, speed: float) -> bool:
-    """Add a fix; return True if it repeats a position while driving.
+    """Add a fix [ns, m, m]; return True if it repeats a position while driving.
 
-    Args:
-        place: newest place of the receiver's fixes, changed in place.
-        stamp: stamp of the fix [ns].
-        x: measured [m].
-        y: measured [m].
-        speed: forward speed by the tracks [m/s]; noise of resting ones adds up to nothing.
+    `speed` is forward, by the tracks [m/s]: noise of resting ones adds up to nothing.
     """
     is_same = place.stamp != NEVER and x == place.x and y == place.y
     if is_same:

@@ -11,13 +11,12 @@ alike. With noise, or an error that walks, they are not. Fixes that scatter far 
 with the measured variance.
 
 An error that wanders is worse than a white one of the same size, since all fixes of a minute share it.
-Then residuals resemble those before them: the sum of squares of their differences is less than twice
-that of their own (von Neumann, Distribution of the ratio of the mean square successive difference to the
+Then residuals resemble those before them: the sum of squares of their differences is less than twice that
+of their own (von Neumann, Distribution of the ratio of the mean square successive difference to the
 variance, Annals of Mathematical Statistics 12, 1941). How much less, of white errors and of a random
 walk, follows from the path. How long such an error lasts the residuals of some seconds do not show. It is
-taken for a minute, as of plain GPS: the fixes of that time count as one.
-
-The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+taken for a minute, as of plain GPS: the fixes of that time count as one. Functions are plain Python, also
+for numba.
 """
 
 import math
@@ -57,8 +56,6 @@ WANDER_TIME = 60.0  # assumed correlation time of an error that wanders [s]
 # walks the time until 1/e of it is left [s], since it is calm at times.
 KEPT_SHARE, KEPT_TIME = 0.85, 20.0
 LEAST_DISTANCE = 0.1  # least distance on which the path shows a stretch [m]
-
-
 # Room for the fixes that are aligned with the path, and for those that wait.
 ROOM = MOST_ALIGNED + REJECTED_IN_ROW
 OfFixes = Annotated[list[float], msgspec.Meta(min_length=ROOM, max_length=ROOM)]
@@ -74,8 +71,7 @@ class ScatterRecord(msgspec.Struct):
 
     begin: Stamp = NEVER  # stamp from which times count [ns]
     newest: Stamp = NEVER  # stamp of the newest fix [ns], or NEVER
-    # number of fixes that are aligned with the path
-    laid: Annotated[int, msgspec.Meta(ge=0, le=MOST_ALIGNED)] = 0
+    laid: Annotated[int, msgspec.Meta(ge=0, le=MOST_ALIGNED)] = 0  # number of aligned fixes
     waiting: Annotated[int, msgspec.Meta(ge=0, lt=REJECTED_IN_ROW)] = 0  # number of those that wait
     time: OfFixes = zeros(ROOM)  # their times [ns]
     x: OfFixes = zeros(ROOM)  # measured [m]
@@ -89,10 +85,8 @@ class ScatterRecord(msgspec.Struct):
     antenna_x: float = 0.0  # estimated place of the antenna after the newest fix [m]
     antenna_y: float = 0.0  # see above [m]
     turn: float = 0.0  # yaw of the estimate less that of the path [rad]
-    # (SIZE,) corrections of the state with the newest fixes; those of older ones are forgotten
-    moved: OfStates = zeros(s.SIZE)
-    # likeness of their errors to those that walk: 0 if they are white, 1 if they do
-    likeness: float = LIKENESS_AT_START
+    moved: OfStates = zeros(s.SIZE)  # (SIZE,) corrections of the state with the newest fixes
+    likeness: float = LIKENESS_AT_START  # of their errors: 0 if they are white, 1 if they walk
     variance: Size = 0.0  # variance with which a fix is used, 0 if the scatter is as stated [m²]
     used: Count = 0  # number of fixes that were used with it
     judged: Count = 0  # number of fixes whose innovations were counted, at most `MOST_AVERAGED`
@@ -132,20 +126,13 @@ class TakenFix(NamedTuple):
     variance: float  # variance that it states [m²]
     z: tuple[float, float]  # its innovation, x and y [m]
     S: tuple[float, float, float]  # covariance of the innovation, xx, xy and yy [m²]
-    # place of the antenna before the update, x and y, and yaw [m, m, rad]
-    predicted: tuple[float, float, float]
+    predicted: tuple[float, float, float]  # antenna x, y [m] and yaw [rad] before it
     updated: tuple[float, float, float]  # the same after the update
     used: bool  # True if it has updated the filter
 
 
 def add_fix(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
-    """Add a position fix; return True if scatter is found that was not before.
-
-    Args:
-        scatter: the record, changed in place.
-        fix: the fix.
-        correction: (SIZE,) change of the state by the update with it.
-    """
+    """Add a position fix and its correction (SIZE,); True if scatter is newly found."""
     variance_before, elapsed = scatter.variance, 0.0
     if scatter.newest != NEVER:
         elapsed = (fix.stamp - scatter.newest) * NANOSECOND
@@ -245,12 +232,8 @@ def steps_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
     """Return True if most of the newest steps are off, along and across.
 
     They are if no turn and stretch of the path makes half of its steps fit those of the fixes. Tried are
-    those that make one of the steps fit.
-
-    Args:
-        scatter: the record.
-        stated: variance that the fixes state [m²].
-        least: factor on the expected variance of a step, of many fixes.
+    those that make one of the steps fit. Fixes have the variance `stated` [m²]; a step is off from
+    `least` times its expected variance on, of many fixes.
     """
     first = max(1, scatter.laid - NEWEST_STEPS)
     do_fit = steps_fit(scatter, first, 1.0 + 0j, stated, least)
@@ -265,10 +248,7 @@ def steps_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
 def steps_fit(
     scatter: ScatterRecord, first: int, stretch: complex, stated: float, least: float
 ) -> bool:
-    """Return True if half of the steps of the turned path fit, along or across.
-
-    `stretch` is the complex factor on the path's steps from fix `first` on; the others as above.
-    """
+    """Return True if half of the steps fit those of the path, turned by `stretch`."""
     turn_back, count = stretch.conjugate() * (1.0 / magnitude(stretch)), scatter.laid - first
     factor = MEDIAN_SQUARE * least * (1.0 + FACTOR_OF_FEW / (count - 1.0) ** 2)
     along = across = 0

@@ -4,9 +4,8 @@ Both tracks spin up against an obstacle, or stop on ice: their speed changes and
 push, or a hit from the side: the robot's velocity changes and that of the tracks does not. An
 accelerometer shows no velocity, only its changes, and gravity on slopes looks like one. So a slide is
 found if it begins suddenly, with a speed beyond that of the robot's usual starts and stops; one that
-begins slowly is not. It ends with the opposite change, or is forgotten after some time.
-
-The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+begins slowly is not. It ends with the opposite change, or is forgotten after some time. Functions are
+plain Python, also for numba.
 """
 
 import math
@@ -36,14 +35,11 @@ class SlideRecord(msgspec.Struct):
     stamp: Stamp = NEVER  # stamp of the newest sample of the IMU [ns], or NEVER
     tracks: float = 0.0  # velocity by the tracks at that sample [m/s]
     mean: float = 0.0  # averaged difference of the accelerations, mostly gravity [m/s²]
-    # recent change of velocity by the accelerometer, less that by the tracks [m/s]
-    difference: float = 0.0
+    difference: float = 0.0  # recent change of velocity by accelerometer less tracks [m/s]
     square: Size = RMS_AT_START * RMS_AT_START  # averaged square of the difference [m²/s²]
-    # time over which it was averaged, at most `RMS_AVERAGING` [s]
-    averaged: Interval = TIME_AT_START
+    averaged: Interval = TIME_AT_START  # averaging time, up to `RMS_AVERAGING` [s]
     since: Stamp = NEVER  # stamp at which a slide began [ns], or NEVER
-    # largest difference of that slide [m/s]; 0 when the change that ended it is over
-    speed: float = 0.0
+    speed: float = 0.0  # largest difference of that slide, 0 after its end [m/s]
     times: Count = 0  # number of slides that were found
 
 
@@ -53,18 +49,14 @@ def slides(slide: SlideRecord) -> bool:
 
 
 def watch_slide(slide: SlideRecord, stamp: int, force: float, tracks: float) -> None:
-    """Add a sample of the IMU, and decide whether the robot slides.
+    """Add an IMU sample [ns], and decide whether the robot slides.
 
-    Args:
-        slide: record, changed in place.
-        stamp: stamp of the sample [ns].
-        force: specific force forward [m/s²], or NaN.
-        tracks: forward speed by the tracks [m/s].
+    The specific force [m/s²], NaN if unknown, and the track speed [m/s] are forward.
     """
-    dt = (stamp - slide.stamp) * NANOSECOND if slide.stamp != NEVER else 0.0
-    change = tracks - slide.tracks
     if force != force:  # NaN
         return
+    dt = (stamp - slide.stamp) * NANOSECOND if slide.stamp != NEVER else 0.0
+    change = tracks - slide.tracks
     slide.stamp, slide.tracks = stamp, tracks
     if dt == 0.0:
         slide.mean = force
@@ -99,11 +91,9 @@ def _continue_slide(slide: SlideRecord) -> None:
 
 
 def slide_density(slide: SlideRecord, start: int, end: int) -> float:
-    """Error density of the sliding speed over a step from start to end [ns] [m²/s].
-
-    The distance is off by the slide's speed times its duration, at one standard deviation.
-    """
+    """Error density of the sliding speed over a step from start to end [ns] [m²/s]."""
     if not slides(slide):
         return 0.0
+    # The distance is off by the slide's speed times its duration, at one standard deviation.
     age = max(0.0, 0.5 * (start - slide.since + end - slide.since) * NANOSECOND)
     return 2.0 * slide.speed * slide.speed * age

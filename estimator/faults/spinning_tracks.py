@@ -5,8 +5,7 @@ turning of both. Slip in bends is a share of the turning; such a track is beyond
 of one jumped when the mismatch began, it is the one that spins. If none did, it is the one with less
 load: on a slope the upper one, in a fast bend the inner one. Until it grips again its speed is the one at
 which the tracks turn as the gyro does. A track sensor that fails looks the same, and is treated the same.
-
-The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+Functions are plain Python, also for numba.
 """
 
 import math
@@ -51,15 +50,13 @@ class SpinRecord(msgspec.Struct):
     rate: float = 0.0  # newest yaw rate by the gyro [rad/s]
     width: Size = 0.0  # effective track width that is used; 0 if it is not known [m]
     force: float = 0.0  # averaged specific force to the left [m/s²]; 0 without accelerometers
-    # newest difference of the track speeds that no slip in bends explains [m/s]
-    mismatch: float = 0.0
+    mismatch: float = 0.0  # difference of track speeds that no slip in bends explains [m/s]
     side: Side = UNKNOWN  # `LEFT` or `RIGHT`, the track that spins, or `UNKNOWN`
     jumped: Flag = 0  # 1 if that is the track whose speed jumped when the mismatch began
     since: Stamp = NEVER  # stamp at which the mismatch began [ns], or NEVER
     newest: Stamp = NEVER  # stamp of the newest mismatch [ns], or NEVER
     way: float = 0.0  # way of the mismatch since it began [m]
-    # 1 while there is a mismatch that began with a jump of the gyro: no track spins then
-    gyro_jumped: Flag = 0
+    gyro_jumped: Flag = 0  # 1 during a mismatch that began with a jump of the gyro: no spin
     times: Count = 0  # number of times that one was found
     stamp: Stamp = NEVER  # stamp of the newest sample of the gyro [ns], or NEVER
     turned: float = 0.0  # turning so far, with forgetting [rad]
@@ -80,14 +77,7 @@ def spread_of_bends(spin: SpinRecord) -> float:
 
 
 def unexplained(spin: SpinRecord, left: float, right: float, sigmas: float = SIGMAS) -> float:
-    """Difference of the track speeds that no slip in bends explains [m/s].
-
-    Args:
-        spin: record, with the yaw rate and the width.
-        left: reading of the left track [m/s].
-        right: reading of the right track [m/s].
-        sigmas: standard deviations of the robot's own bends that slip explains.
-    """
+    """Difference of track speeds [m/s] beyond `sigmas` of slip in the robot's bends."""
     if spin.width == 0.0:
         return 0.0
     turning, expected = right - left, spin.width * spin.rate
@@ -113,14 +103,7 @@ def learn_width(spin: SpinRecord, dt: float) -> None:
 def side_that_changed(
     mismatch: float, change_left: float, change_right: float, limit: float
 ) -> int:
-    """Find the track whose speed jumped when a mismatch began; `UNKNOWN` if none did.
-
-    Args:
-        mismatch: difference of the track speeds that no slip explains, right less left [m/s].
-        change_left: newest change of the left track's speed [m/s].
-        change_right: newest change of the right track's speed [m/s].
-        limit: least change that is a jump [m/s].
-    """
+    """Track whose speed jumped by `limit` or more [m/s]; `UNKNOWN` if none did."""
     # Jumps towards the mismatch count: a slower left or a faster right track, if it is positive.
     sign = 1.0 if mismatch > 0.0 else -1.0
     left_jump, right_jump = -sign * change_left, sign * change_right
@@ -132,13 +115,6 @@ def side_that_changed(
 def least_mismatch(fastest: float) -> float:
     """Least mismatch that counts, for a highest speed of a track [m/s]."""
     return max(LEAST_MISMATCH, SHARE_OF_FASTEST * fastest)
-
-
-def side_with_less_load(force: float) -> int:
-    """Track with less load, by an averaged specific force to the left [m/s²]."""
-    if abs(force) < LEAST_FORCE:
-        return UNKNOWN
-    return LEFT if force > 0.0 else RIGHT
 
 
 def is_found(spin: SpinRecord) -> bool:
@@ -165,18 +141,16 @@ def forget_mismatch(spin: SpinRecord) -> None:
 def add_mismatch(
     spin: SpinRecord, stamp: int, mismatch: float, dt: float, changed_side: int, zero_side: int
 ) -> None:
-    """Add a mismatch [m/s] over `dt` [s], and choose the track that spins if one does.
-
-    It is the one that reads zero, or whose speed jumped as the mismatch began, or with less load.
-    """
+    """Add a mismatch [m/s] over `dt` [s], and choose the track that spins if one does."""
     was_found = is_found(spin)
     if spin.since == NEVER:
         spin.since, spin.way, spin.side = stamp, 0.0, changed_side
         spin.jumped = int(changed_side != UNKNOWN)
     if zero_side != UNKNOWN and not was_found:
         spin.side = zero_side
-    elif spin.side == UNKNOWN:
-        spin.side = side_with_less_load(spin.force)
+    elif spin.side == UNKNOWN and abs(spin.force) >= LEAST_FORCE:
+        # A force to the left loads the right track.
+        spin.side = LEFT if spin.force > 0.0 else RIGHT
     spin.mismatch, spin.newest = mismatch, stamp
     spin.way += abs(mismatch) * dt
 
@@ -248,16 +222,9 @@ def assumed_speeds(spin: SpinRecord, stamp: int, left: float, right: float) -> t
 
     The turning that the gyro does not confirm is subtracted from the track that spins. As long as it is
     not certain that a track spins, or which one, each gets half of it, which keeps their mean.
-
-    Args:
-        spin: record.
-        stamp: stamp of the readings [ns].
-        left: reading of the left track [m/s].
-        right: reading of the right track [m/s].
     """
-    if spin.stamp == NEVER or (stamp - spin.stamp) * NANOSECOND > LONGEST_INTERVAL:
-        return left, right
-    if not is_likely(spin):
+    is_old = spin.stamp == NEVER or (stamp - spin.stamp) * NANOSECOND > LONGEST_INTERVAL
+    if is_old or not is_likely(spin):
         return left, right
     excess = right - left - spin.width * spin.rate
     share_of_left = 0.5 * (1.0 - certain_side(spin))

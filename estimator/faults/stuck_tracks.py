@@ -3,9 +3,8 @@
 Many sensors repeat readings: those sampled less often than they are published, and those of coarse
 resolution at a steady speed. So repetition counts only if it lasts much longer than this track's earlier
 repetitions, and if the other track has read many different values meanwhile. If both tracks repeat
-themselves, it has to last for longer still: then a driver, or a bus, repeats its last message.
-
-The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+themselves, it has to last for longer still: then a driver, or a bus, repeats its last message. Functions
+are plain Python, also for numba.
 """
 
 from typing import Annotated
@@ -21,6 +20,7 @@ SUSPICIOUS = 5  # different readings of the other track from which repetition is
 UNUSUAL_FACTOR = 3.0  # repetition is unusual from this multiple of the longest before
 # Least time of a repetition of both [s]; and change at its end that shows a steady speed [m/s].
 LEAST_FROZEN_TIME, STEADY_CHANGE = 1.0, 0.1
+OfOther = Annotated[list[float], msgspec.Meta(min_length=OTHER_READINGS, max_length=OTHER_READINGS)]
 
 
 class Repeating(msgspec.Struct):
@@ -33,10 +33,7 @@ class Repeating(msgspec.Struct):
     longest: Size = 0.0  # longest time of one reading while moving and not stuck [s]
     # number of distinct readings of the other track since then, at most `OTHER_READINGS`
     other_count: Annotated[int, msgspec.Meta(ge=0, le=OTHER_READINGS)] = 0
-    # those readings [m/s]; the rest is unused
-    others: Annotated[
-        list[float], msgspec.Meta(min_length=OTHER_READINGS, max_length=OTHER_READINGS)
-    ] = zeros(OTHER_READINGS)
+    others: OfOther = zeros(OTHER_READINGS)  # those readings [m/s]; the rest is unused
 
 
 def repeating_after(
@@ -44,15 +41,8 @@ def repeating_after(
 ) -> bool:
     """Add a sample of a track; return True if it is the first one found stuck.
 
-    Another reading, or a gap, starts the repetition again; the time of one that was not a fault counts in
-    `longest`.
-
-    Args:
-        track: record of the track, changed in place.
-        stamp: stamp of the sample [ns].
-        reading: reading of the track [m/s].
-        other: reading of the other track [m/s].
-        hold: longest time between samples that is no gap [s].
+    Another reading, or a gap longer than `hold` [s], starts the repetition again; the time of one that
+    was not a fault counts in `longest`. Readings of this track and of the other one are in m/s.
     """
     after_gap = (stamp - track.newest) * NANOSECOND > hold
     if after_gap or reading != track.reading:
@@ -92,12 +82,7 @@ def reads_zero(track: Repeating) -> bool:
 
 
 def stuck_from(track: Repeating, hold: float) -> int:
-    """Stamp from which the reading is stuck [ns]; NEVER if it is not.
-
-    Args:
-        track: record of the track.
-        hold: age up to which a reading is valid in any case [s].
-    """
+    """Stamp from which the reading is stuck [ns]; NEVER if younger than `hold` [s]."""
     if track.other_count < OTHER_READINGS or track.changes < OWN_READINGS:
         return NEVER
     start = track.since + int(max(hold, UNUSUAL_FACTOR * track.longest) / NANOSECOND)
@@ -105,10 +90,7 @@ def stuck_from(track: Repeating, hold: float) -> int:
 
 
 def frozen_from(left: Repeating, right: Repeating, least: float) -> int:
-    """Stamp from which both readings repeat for unusually long [ns], or NEVER.
-
-    It is NEVER at rest, with both tracks slower than `least` [m/s].
-    """
+    """Stamp [ns] from which both readings repeat too long; NEVER below `least` [m/s]."""
     is_at_rest = max(abs(left.reading), abs(right.reading)) < least
     if is_at_rest or left.since == left.newest or right.since == right.newest:
         return NEVER

@@ -68,7 +68,7 @@ class Listener(Protocol):
         """Projection of the state to its bounds by this change (size,)."""
 
     def moved(self, step: Moved) -> None:
-        """Step."""
+        """Step of the filter."""
 
 
 class Events:
@@ -80,14 +80,7 @@ class Events:
         self._begins = np.concatenate([[0], self._ends[:-1]])
 
     def report(self, values: Floats, size: int, yaw: float, listener: Listener) -> None:
-        """Report the changes of a call to a listener; those of zero are left out.
-
-        Args:
-            values: (m,) their numbers; the rest is not used.
-            size: number of states of the filter.
-            yaw: yaw before the call [rad].
-            listener: receiver.
-        """
+        """Report the changes of a call by their numbers (m,); its start has the yaw [rad]."""
         if not self._events:
             return
         is_nonzero = np.logical_or.reduceat(values[: self._ends[-1]] != 0.0, self._begins)

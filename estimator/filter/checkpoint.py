@@ -63,6 +63,6 @@ class FilterCheckpoint(msgspec.Struct, frozen=True, rename={"clones": "marks"}):
 
     def plain(self) -> FilterCheckpoint:
         """Copy to records that Python alone uses, as files have them."""
-        gates = {name: plain_copy(GateRecord, one) for name, one in self.gates.items()}
+        gates = {name: plain_copy(GateRecord, counts) for name, counts in self.gates.items()}
         record = plain_copy(FilterRecord, self.record)
         return msgspec.structs.replace(self, record=record, gates=gates)

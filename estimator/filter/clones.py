@@ -52,15 +52,11 @@ class RelativeMotion(NamedTuple):
 
 
 class Clones(msgspec.Struct, frozen=True):
-    """Motion since each of m marks; immutable.
-
-    Each clone is computed separately, with the same rounding whatever other clones there are.
-    """
+    """Motion since each of m marks, each computed separately; immutable."""
 
     stamps: tuple[int, ...]  # stamps of the marks [ns]
     poses: np.ndarray[Any, Any]  # (m, 3) poses of base_link in base_link at each mark
-    # (3m, SIZE) covariance of `poses` with the filter's state; two columns more if fixes wander
-    cross: np.ndarray[Any, Any]
+    cross: np.ndarray[Any, Any]  # (3m, n) covariance of `poses` with the filter's state
     covariance: np.ndarray[Any, Any]  # (3m, 3m) covariance of `poses`
 
     def __post_init__(self) -> None:
@@ -76,23 +72,16 @@ class Clones(msgspec.Struct, frozen=True):
         return cls((), np.zeros((0, 3)), np.zeros((0, size)), np.zeros((0, 0)))
 
     def begun(self, stamp: int, motion: Floats, by_state: Floats, P: Floats) -> Clones:
-        """Add a clone.
+        """Add a clone at a stamp [ns].
 
-        Args:
-            stamp: stamp of the mark [ns].
-            motion: (3,) motion since then.
-            by_state: (3, SIZE) its derivative by the filter's state.
-            P: (SIZE, SIZE) the filter's covariance.
+        The motion (3,) since then has the derivative `by_state` (3, SIZE) by the state of covariance P.
         """
         cross = by_state @ P
         with_others = (_by_clone(self.cross) @ by_state.T).reshape(-1, 3)
         own = cross @ by_state.T
-        return Clones(
-            (*self.stamps, stamp),
-            np.vstack([self.poses, motion]),
-            np.vstack([self.cross, cross]),
-            np.block([[self.covariance, with_others], [with_others.T, 0.5 * (own + own.T)]]),
-        )
+        covariance = [[self.covariance, with_others], [with_others.T, 0.5 * (own + own.T)]]
+        poses, cross = np.vstack([self.poses, motion]), np.vstack([self.cross, cross])
+        return Clones((*self.stamps, stamp), poses, cross, np.block(covariance))
 
     def without(self, stamp: int) -> Clones | None:
         """Remove the clone of a stamp [ns], if there is one; None if none is left."""
@@ -100,12 +89,9 @@ class Clones(msgspec.Struct, frozen=True):
         if not keep:
             return None
         rows = (3 * np.array(keep)[:, None] + np.arange(3)).ravel()
-        return Clones(
-            tuple(self.stamps[index] for index in keep),
-            self.poses[keep],
-            self.cross[rows],
-            self.covariance[np.ix_(rows, rows)],
-        )
+        stamps = tuple(self.stamps[index] for index in keep)
+        covariance = self.covariance[np.ix_(rows, rows)]
+        return Clones(stamps, self.poses[keep], self.cross[rows], covariance)
 
     def moved(self, move: Moved) -> Clones:
         """Propagate over a step of the filter."""
@@ -115,20 +101,15 @@ class Clones(msgspec.Struct, frozen=True):
         by_state, with_state = turns @ move.by_state, turns @ move.with_state
         carried = _after_steps(self.cross, steps)
         # Half of what the step adds to the covariance; the other half is its transpose.
-        with_step = np.concatenate(
-            [_by_clone(carried) + 0.5 * with_state, turns @ (0.5 * Q[s.POSE, s.POSE])], 2
-        )
+        with_noise = turns @ (0.5 * Q[s.POSE, s.POSE])
+        with_step = np.concatenate([_by_clone(carried) + 0.5 * with_state, with_noise], 2)
         by_step = np.concatenate([by_state, turns], 2)
         half = with_step[:, None] @ by_step.transpose(0, 2, 1)
         half = half.transpose(0, 2, 1, 3).reshape(self.covariance.shape)
         covariance = _after_steps(_after_steps(self.covariance, steps).T, steps) + (half + half.T)
         cross = (_by_clone(carried) + with_state) @ F.T + turns @ Q[s.POSE]
-        return Clones(
-            self.stamps,
-            self.poses + steps,
-            cross.reshape(self.cross.shape),
-            0.5 * (covariance + covariance.T),
-        )
+        cross, covariance = cross.reshape(self.cross.shape), 0.5 * (covariance + covariance.T)
+        return Clones(self.stamps, self.poses + steps, cross, covariance)
 
     def renewed(self, states: slice | list[int] = s.FAST_SLIP) -> Clones:
         """Clear the correlation with replaced states: a new fast slip, or a lost pose."""
@@ -143,13 +124,7 @@ class Clones(msgspec.Struct, frozen=True):
         return Clones(self.stamps, self.poses, cross, self.covariance)
 
     def inflated(self, yaw: float, states: tuple[int, ...], covariance: Floats) -> Clones:
-        """Inflate by an error of the motion, which moves all poses alike.
-
-        Args:
-            yaw: yaw of the filter's pose [rad].
-            states: n states of the filter that it moves.
-            covariance: (n, n) covariance that is added to theirs.
-        """
+        """Inflate n states by a covariance (n, n) of the motion, which moves all poses."""
         size = self.cross.shape[1]
         added = np.zeros((size, size))
         added[np.ix_(states, states)] = covariance
@@ -161,12 +136,9 @@ class Clones(msgspec.Struct, frozen=True):
         return Clones(self.stamps, self.poses, self.cross + cross, total)
 
     def updated(self, update: Updated, *, fixed: bool, inflation: float = 0.0) -> Clones:
-        """Update with a scalar measurement.
+        """Update with a scalar measurement, after the filter.
 
-        Args:
-            update: the update of the filter.
-            fixed: the poses are not to be moved; their covariance takes that into account.
-            inflation: share of the variances before the update that is added to the covariance.
+        Poses stay if they are `fixed`. `inflation` is the share of their variances that is added.
         """
         z, h, c, K, S = update.z, update.h, update.cross, update.gain, update.S
         own = self.cross @ h
@@ -214,15 +186,10 @@ class Clones(msgspec.Struct, frozen=True):
         return RelativeMotion(from_stamp, to_stamp, pose, 0.5 * (covariance + covariance.T))
 
     def place(self, stamp: int) -> int:
-        """Index of the clone of a stamp [ns].
-
-        Raises:
-            EstimatorError: there is none.
-        """
+        """Index of the clone of a stamp [ns]; `EstimatorError` if there is none."""
         if stamp not in self.stamps:
-            raise EstimatorError(
-                f"there is no mark at {stamp}; there are marks at {list(self.stamps)}"
-            )
+            marks = list(self.stamps)
+            raise EstimatorError(f"there is no mark at {stamp}; there are marks at {marks}")
         return self.stamps.index(stamp)
 
 
@@ -232,10 +199,7 @@ def _by_clone(rows: Floats) -> Floats:
 
 
 def _after_steps(rows: Floats, steps: Floats) -> Floats:
-    """Covariances (3m, n) of m clones' errors with others, after steps (m, 3).
-
-    An error in yaw moves the position by the step, turned by a right angle.
-    """
+    """Covariances (3m, n) of m clones' errors with others, after steps (m, 3)."""
     carried = rows.copy()
     carried[0::3] -= steps[:, 1:2] * rows[2::3]
     carried[1::3] += steps[:, 0:1] * rows[2::3]

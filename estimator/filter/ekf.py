@@ -28,7 +28,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.filter.changes import Moved, Updated
+from icreckon.estimator.filter.changes import Listener, Moved, Updated
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.gate import Gate, inflation, patience_for
 from icreckon.estimator.filter.health import REACQUIRED, REJECTED
@@ -46,14 +46,8 @@ LEAST_VARIANCE = 1e-18
 WHOLE = (1.0, 1.0, 1.0)  # factors on the slip for its present value
 
 
-class Observer(Protocol):
+class Observer(Listener, Protocol):
     """Observer that is notified of every change to the filter."""
-
-    def moved(self, F: Floats, Q: Floats) -> None:
-        """Step of transition F and process noise Q (SIZE, SIZE)."""
-
-    def renewed(self, covariance: Floats) -> None:
-        """New fast slip of this covariance (3, 3), independent of the one before."""
 
     def replaced(self, covariance: Floats) -> None:
         """New pose, and wander if there is one, see `Ekf.replace_pose`."""
@@ -61,26 +55,12 @@ class Observer(Protocol):
     def wandered(self, decay: float, variance: float) -> None:
         """Wander of the fixes over some time, see `Ekf.let_wander`."""
 
-    def inflated(self, states: tuple[int, ...], covariance: Floats) -> None:
-        """Inflation of these n states by this covariance (n, n)."""
-
-    def updated(
-        self, z: float, h: Floats, r: float, change: Floats, fixed: tuple[int, ...]
-    ) -> None:
-        """Scalar update: innovation, Jacobian, noise variance, change and fixed states."""
-
-    def projected(self, change: Floats) -> None:
-        """Projection of the state to its bounds by this change (SIZE,)."""
-
 
 class Ekf:
     """State and covariance of a filter.
 
     `x` is (SIZE,), `P` (SIZE, SIZE); `icreckon.estimator.base.state` has their layout. If fixes wander
     there are two states more behind these (`add_wander`). Updates are scalar (`update_scalar`).
-
-    Args:
-        model: the motion model.
 
     Attributes:
         regressors: (3, 10) smoothed derivatives of the twist by the parameters, of the steps before, and
@@ -124,14 +104,10 @@ class Ekf:
         self.x, self.P = x, P
 
     def let_wander(self, decay: float, variance: float) -> None:
-        """Propagate the wander of position fixes over some time.
+        """Propagate the wander of position fixes, which decays and gains a variance [m²].
 
         Its transition is a number, which commutes with everything else that happens in that time. So this
         is exact once before each fix, and not only in each step.
-
-        Args:
-            decay: factor on the wander.
-            variance: variance that it gains along each axis [m²].
         """
         self.x[s.WANDER] *= decay
         fade_wander(self.P, decay)
@@ -142,13 +118,7 @@ class Ekf:
             self.observer.wandered(decay, variance)
 
     def twist_model(self, left: float, right: float, slip_shares: Triple = WHOLE) -> TwistModel:
-        """Body velocity and its Jacobian at the present state; do not change them.
-
-        Args:
-            left: measured speed of the left track [m/s].
-            right: measured speed of the right track [m/s].
-            slip_shares: factors on the slip, for its mean over a step.
-        """
+        """Body velocity and Jacobian at track speeds [m/s] and slip shares; read-only."""
         arrays = self.x.tobytes(), self.model.memory.tobytes(), self.regressors.tobytes()
         key = (left, right, *slip_shares, *arrays)
         if key != self._evaluated_at:
@@ -169,18 +139,17 @@ class Ekf:
     def inflated(self, states: Sequence[int], covariance: Floats, yaw: float | None = None) -> None:
         """Pass on an inflation, of the motion at a yaw [rad] or not."""
         if self.observer is not None:
-            self.observer.inflated(tuple(states), covariance)
+            self.observer.inflated(states, covariance)
         if yaw is not None and self.clones is not None:
             self.clones = self.clones.inflated(yaw, tuple(states), covariance)
 
     def updated(self, change: Updated) -> None:
         """Pass on a scalar update."""
-        z, fixed = change.z, change.fixed
         if self.clones is not None:
             share = ROUNDING_SHARE if change.is_sharp else 0.0
-            self.clones = self.clones.updated(change, fixed=s.X in fixed, inflation=share)
+            self.clones = self.clones.updated(change, fixed=s.X in change.fixed, inflation=share)
         if self.observer is not None:
-            self.observer.updated(z, change.h, change.r, change.gain * z, fixed)
+            self.observer.updated(change)
 
     def projected(self, change: Floats) -> None:
         """Pass on a projection to the bounds."""
@@ -192,31 +161,26 @@ class Ekf:
         if self.clones is not None:
             self.clones = self.clones.moved(step)
         if self.observer is not None:
-            self.observer.moved(step.F, step.Q)
+            self.observer.moved(step)
 
     # --- dense changes ----------------------------------------------------------------------------
 
     def renew_fast_slip(self, covariance: Floats) -> None:
         """Begin a step with a new, independent fast slip of a covariance (3, 3)."""
         self.x[s.FAST_SLIP] = 0.0
-        self.P[s.FAST_SLIP, :] = 0.0
-        self.P[:, s.FAST_SLIP] = 0.0
+        self.P[s.FAST_SLIP, :] = self.P[:, s.FAST_SLIP] = 0.0
         self.P[s.FAST_SLIP, s.FAST_SLIP] = covariance
         self.renewed(covariance)
 
     def replace_pose(self, pose: Floats, covariance: Floats) -> None:
-        """Replace the pose by another, independent of all other states.
+        """Replace the pose (3,) [m, m, rad] by another, independent of all other states.
 
-        Args:
-            pose: (3,) x, y [m], yaw [rad].
-            covariance: (3, 3) covariance of the pose; if fixes wander, (5, 5) of the pose and of a new
-                wander of zero.
+        The covariance is (3, 3); if fixes wander, (5, 5) of the pose and of a new wander of zero.
         """
         states = replaced_states(covariance)
         self.x[states] = 0.0
         self.x[s.POSE] = pose
-        self.P[states, :] = 0.0
-        self.P[:, states] = 0.0
+        self.P[states, :] = self.P[:, states] = 0.0
         self.P[np.ix_(states, states)] = covariance
         if self.clones is not None:
             self.clones = self.clones.renewed(states)
@@ -266,10 +230,7 @@ class Ekf:
                 self.inflate(index, variance=variance)
 
     def keep_inside_bounds(self) -> None:
-        """Project the parameters to the bounds of the motion model.
-
-        The pose stays, and so do consider states.
-        """
+        """Project parameters to the model's bounds; pose and consider states stay."""
         before = self.x
         fixed = (*POSE_FIXED, *self.considered, *range(s.SIZE, len(before)))
         self.x = inside(before, self.P, self._bounds, fixed)
@@ -342,10 +303,7 @@ def decorrelated(z: Floats, H: Floats, R: Floats) -> Linearised:
 
 
 def _make_room(ekf: Ekf, model: MeasurementModel, linearised: Linearised, S: Floats) -> Floats:
-    """Inflate the states that a re-acquired measurement is to move; return its R.
-
-    A considered state cannot be moved: R of its component is inflated instead.
-    """
+    """Inflate the states that a re-acquired measurement is to move; return its R."""
     z, H, R = linearised
     squares, variances = z * z, S.diagonal()
     if model.inflated_jointly:
@@ -353,6 +311,7 @@ def _make_room(ekf: Ekf, model: MeasurementModel, linearised: Linearised, S: Flo
     for k, state in enumerate(model.inflated):
         added = inflation(squares.item(k), variances.item(k))
         if state in ekf.considered:
+            # It cannot be moved: R of its component is inflated instead.
             R = R.copy()
             R[k, k] += added * H.item(k, state) ** 2
         else:

@@ -331,10 +331,7 @@ FAULT_COLUMNS = (
 
 
 def put_faults(record: Any, row: Any) -> None:
-    """Write the faults that last to a row (k,), see `FAULT_COLUMNS`.
-
-    For plain Python and for numba; the finders of the table read the same fields.
-    """
+    """Write the faults that last to a row (k,), see `FAULT_COLUMNS`; also for numba."""
     tracks, settings = record.tracks, record.settings
     left, right, spin = tracks.repeating_left, tracks.repeating_right, tracks.spin
     is_frozen = frozen_from(left, right, settings.track_speed) != NEVER

@@ -32,11 +32,10 @@ Factor = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)]  # factor on 
 class FixesRecord(msgspec.Struct):
     """Record of the newest position fixes."""
 
-    # time up to which the wander of the fixes is propagated [ns], or NEVER
-    wander_stamp: Stamp = NEVER
-    # those that were rejected since one was used
+    wander_stamp: Stamp = NEVER  # time up to which their wander is propagated [ns], or NEVER
+    # those that were rejected since one was used, and the scatter of the fixes
     rejected: RejectedRecord = msgspec.field(default_factory=RejectedRecord)
-    scatter: ScatterRecord = msgspec.field(default_factory=ScatterRecord)  # their scatter
+    scatter: ScatterRecord = msgspec.field(default_factory=ScatterRecord)
 
 
 class FilterRecord(msgspec.Struct):
@@ -48,33 +47,29 @@ class FilterRecord(msgspec.Struct):
     stands: Flag = 0  # 1 if the robot was found standing at the newest IMU sample
     slip_factor: Factor = 1.0  # factor on the slip that position fixes have shown
     present_factor: Factor = 1.0  # that of the newest fixes alone
-    # mean of the normalised innovations of position fixes, to the front of the robot
-    trend_forward: float = 0.0
-    trend_left: float = 0.0  # to its left
+    trend_forward: float = 0.0  # mean of the position fixes' normalised innovations, forward [-]
+    trend_left: float = 0.0  # to the left [-]
     trend_size: float = 1.0  # mean of their squares; 1 if they are as large as expected
     departed_for: Size = 0.0  # time of rejected position fixes that depart from the path [s]
     departed_from_x: float = 0.0  # place on the path of the newest fix that does not [m]
-    departed_from_y: float = 0.0  # see above
+    departed_from_y: float = 0.0
     departed_by_x: float = 0.0  # innovation of the newest fix [m]
-    departed_by_y: float = 0.0  # see above
+    departed_by_y: float = 0.0
     fixes: FixesRecord = msgspec.field(default_factory=FixesRecord)  # the newest position fixes
-    # newest place of the position fixes
+    # newest places of the position fixes and of the pose fixes
     positions: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
-    # newest place of the pose fixes
     poses: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
     tracks: TrackRecord = msgspec.field(default_factory=TrackRecord)  # the track speeds
     imu: ClockRecord = msgspec.field(default_factory=ClockRecord)  # clock of the IMU
     noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)  # noise of the IMU
     tilt: TiltRecord = msgspec.field(default_factory=TiltRecord)  # readings that show its tilt
     still: StandstillRecord = msgspec.field(default_factory=StandstillRecord)  # the standstill
-    gyro: GateRecord = msgspec.field(default_factory=GateRecord)  # counts of the gate of the gyro
-    # counts of the gate of the forward accelerometer
+    # counts of the gates of gyro and accelerometers, forward and left
+    gyro: GateRecord = msgspec.field(default_factory=GateRecord)
     accelerometer_x: GateRecord = msgspec.field(default_factory=GateRecord)
-    # counts of the gate of the accelerometer to the left
     accelerometer_y: GateRecord = msgspec.field(default_factory=GateRecord)
-    # newest differences of the track speeds, right less left [m/s]
+    # newest differences of the track speeds, right less left [m/s], and yaw rates by the gyro [rad/s]
     turning: RateRecord = msgspec.field(default_factory=RateRecord)
-    # newest yaw rates by the gyro [rad/s]
     yaw_rates: RateRecord = msgspec.field(default_factory=RateRecord)
 
 
@@ -88,10 +83,7 @@ def take_track_speeds(record: FilterRecord, stamp: int, left: float, right: floa
 
 
 def ends_step(record: FilterRecord) -> bool:
-    """Return True if the newest track speeds end a step, before later ones are added.
-
-    They do if no IMU sample will end it soon.
-    """
+    """Return True if the newest track speeds end a step, as no IMU sample soon will."""
     stamp = record.tracks.stamp
     return record.stamp < stamp and not is_due_after(record.imu, stamp)
 
@@ -105,31 +97,19 @@ def take_track_sample(
 
 
 def sides_of(
-    record: FilterRecord,
-    stamp: int,
-    speeds: Wheels,
-    left_wheels: Wheels,
-    right_wheels: Wheels,
-    keeps: bool,
+    record: FilterRecord, stamp: int, speeds: Wheels, left: Wheels, right: Wheels, keeps: bool
 ) -> tuple[float, float]:
-    """Speeds of both sides by those of the wheels, see `take_wheels` [m/s]."""
+    """Speeds of both sides by those of their wheels, see `take_wheels` [m/s]."""
     means = (speeds[0], speeds[1])
-    if len(left_wheels) + len(right_wheels) == 0:
+    if len(left) + len(right) == 0:
         return means
     held, fastest = record.tracks, record.settings.fastest
-    sides, wheels = (held.left_wheels, held.right_wheels), (left_wheels, right_wheels)
+    sides, wheels = (held.left_wheels, held.right_wheels), (left, right)
     return take_wheels(*sides, held.spin, stamp, means, *wheels, fastest, keeps)
 
 
 def wander_after(fixes: FixesRecord, stamp: int, sigma: float, time: float) -> tuple[float, float]:
-    """Decay of the wander of the fixes up to a stamp, and variance that it gains [m²].
-
-    Args:
-        fixes: record of the fixes, changed in place.
-        stamp: stamp of the newest fix [ns].
-        sigma: standard deviation of the wander [m].
-        time: its correlation time [s].
-    """
+    """Decay of the fixes' wander to a stamp [ns] and its gain [m²], by sigma and time."""
     elapsed = 0 if fixes.wander_stamp == NEVER else stamp - fixes.wander_stamp
     fixes.wander_stamp, decay = stamp, math.exp(-elapsed * NANOSECOND / time)
     return decay, sigma * sigma * (1.0 - decay * decay)

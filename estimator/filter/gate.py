@@ -15,6 +15,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, Count, Size, Stamp, zeros
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED, Judged, SensorHealth
+from icreckon.estimator.log.measurements import Vector3
 from icreckon.estimator.robot.settings import GateSettings
 
 # Quantiles of the chi-square distribution at a right-tail probability of 1e-4, by degrees of freedom
@@ -35,35 +36,25 @@ LARGEST_INFLATION = 1e10
 
 
 def patience_for(squared_distance: Any, patience: Any, fastest: Any) -> Any:
-    """Time of rejections after which a position is re-acquired [s].
-
-    Args:
-        squared_distance: of the position from the predicted one [m²].
-        patience: that of the settings [s].
-        fastest: highest track speed of the robot [m/s].
-    """
+    """Time of rejections [s] until a position at a squared distance [m²] is used."""
     driving_time = math.sqrt(squared_distance) / fastest
     return max(patience, min(LARGEST_PATIENCE_FACTOR * patience, driving_time))
 
 
 def inflation(square: float, expected: float) -> float:
-    """Variance to add to a state that is to follow an innovation: its square, limited.
-
-    `expected` is the variance of the innovation before the inflation.
-    """
+    """Variance to add to a state that is to follow an innovation: its square, limited."""
+    # `expected` is the variance of the innovation before the inflation.
     return min(square, LARGEST_INFLATION * expected)
 
 
 class GateRecord(msgspec.Struct):
     """Counts of one gate, and the newest innovation that it tested."""
 
-    # time of the rejections since the gate last let a measurement pass [s]
-    rejected_for: Size = 0.0
+    rejected_for: Size = 0.0  # time of the rejections since a measurement was last used [s]
     judged: Count = 0  # number of measurements that it tested
     used: Count = 0  # number of measurements that it let pass
     rejected: Count = 0  # number of those that it did not
-    # number of measurements that were used after too long a time of rejections
-    reacquired: Count = 0
+    reacquired: Count = 0  # number of those used after too long a time of rejections
     degrees: Count = 0  # sum of the degrees of freedom of admitted measurements
     nis_sum: Size = 0.0  # sum of their normalised innovations squared (NIS)
     newest_nis: float = 0.0  # NIS of the newest measurement
@@ -79,10 +70,7 @@ class GateRecord(msgspec.Struct):
 def count_verdict(
     counts: GateRecord, verdict: int, nis: float, degrees: int, interval: float
 ) -> None:
-    """Count a verdict in place; plain Python, for numba too.
-
-    The normalised innovation squared has some `degrees` of freedom. A rejection counts `interval` [s].
-    """
+    """Count a verdict; a rejection counts an interval [s]. Plain Python, also numba."""
     counts.judged += 1
     counts.newest_nis = nis
     counts.recent_nis += (nis / degrees - counts.recent_nis) / min(counts.judged, RECENT)
@@ -106,11 +94,6 @@ class Gate:
         degrees: number of components of the innovation.
         patience: time of rejections after which the next measurement is re-acquired [s].
         counts: its counts; None to start again.
-
-    Attributes:
-        threshold: threshold of the normalised innovation squared.
-        patience: see above.
-        counts: its counts.
     """
 
     def __init__(self, degrees: int, patience: float, counts: GateRecord | None = None) -> None:
@@ -121,10 +104,7 @@ class Gate:
     def judge(self, nis: float, interval: float, patience: float | None = None) -> int:
         """Return the verdict on a normalised innovation squared, and count it.
 
-        Args:
-            nis: normalised innovation squared.
-            interval: time that it counts if it is rejected [s].
-            patience: time of rejections before re-acquisition; None for that of the gate [s].
+        A rejection counts `interval` [s]; re-acquisition is after `patience` [s], by default the gate's.
         """
         counts, verdict = self.counts, ADMITTED
         if not nis <= self.threshold:
@@ -134,12 +114,7 @@ class Gate:
         return verdict
 
     def count(
-        self,
-        stamp: int,
-        verdict: int,
-        z: tuple[float, float],
-        S: tuple[float, float, float],
-        interval: float,
+        self, stamp: int, verdict: int, z: tuple[float, float], S: Vector3, interval: float
     ) -> None:
         """Count the verdict on a position fix at a stamp [ns].
 
@@ -195,22 +170,16 @@ def gates_of(
     records: Mapping[str, GateRecord],
     make_record: Callable[[GateRecord], GateRecord],
 ) -> dict[str, Gate]:
-    """Make the gates of all sensors, by name.
+    """Make the gates of all sensors, by the names of their components.
 
-    Args:
-        components: names of the innovations' components, by sensor.
-        settings: settings of the gates.
-        records: counts that exist already, by sensor of the IMU.
-        make_record: makes the others from new ones.
+    Gates of the IMU have their counts in `records`; those of others are made by `make_record`.
     """
-    return {
-        name: Gate(
-            len(names),
-            imu_patience(settings) if name in records else settings.patience,
-            records.get(name) or make_record(GateRecord()),
-        )
-        for name, names in components.items()
-    }
+    gates = {}
+    for name, component_names in components.items():
+        patience = imu_patience(settings) if name in records else settings.patience
+        counts = records.get(name) or make_record(GateRecord())
+        gates[name] = Gate(len(component_names), patience, counts)
+    return gates
 
 
 def imu_patience(settings: GateSettings) -> float:

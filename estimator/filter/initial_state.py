@@ -10,17 +10,10 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import SettingError, nearest_hint
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.motion.motion_model import MotionModel
+from icreckon.estimator.robot import variants
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import (
-    DEFAULT_ADAPTATION,
-    Variant,
-    initial_parameters,
-    motion_model,
-    parameter_sigmas,
-    slip_of,
-    state_names,
-)
+from icreckon.estimator.robot.variants import Variant, state_names
 
 
 class Assumptions(NamedTuple):
@@ -28,31 +21,25 @@ class Assumptions(NamedTuple):
 
     model: MotionModel  # a new motion model
     state: Floats  # (SIZE,) initial state, at the origin
-    # (SIZE,) its standard deviations; zero for the pose, and for states that are not estimated
-    sigmas: Floats
+    sigmas: Floats  # (SIZE,) its standard deviations; zero for pose and states not estimated
     disturbances: Disturbances  # the process noise
 
 
 def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptions:
-    """Make the prior of a robot and variant.
-
-    Raises:
-        EstimatorError: `Settings.considered` has a name that the variant has not.
-    """
-    adaptation = settings.adaptation or DEFAULT_ADAPTATION[variant.model]
-    model = motion_model(robot, variant)
+    """Make the prior of a filter; `EstimatorError` if considered states are unknown."""
+    adaptation = settings.adaptation or variants.DEFAULT_ADAPTATION[variant.model]
+    model = variants.motion_model(robot, variant)
     state, sigmas = np.zeros(s.SIZE), np.zeros(s.SIZE)
-    state[s.PARAMETERS] = initial_parameters(robot, variant)
-    sigmas[s.PARAMETERS] = parameter_sigmas(robot, variant, adaptation)
+    state[s.PARAMETERS] = variants.initial_parameters(robot, variant)
+    sigmas[s.PARAMETERS] = variants.parameter_sigmas(robot, variant, adaptation)
     state[s.GYRO_BIAS], state[s.TRACK_DIFFERENCE] = robot.imu.gyro_bias, robot.tracks.difference
     sigmas[s.GYRO_BIAS] = robot.imu.gyro_bias_sigma
-    sigmas[s.ACCELEROMETER_BIAS_X] = robot.imu.accelerometer_bias_sigma
-    sigmas[s.ACCELEROMETER_BIAS_Y] = robot.imu.accelerometer_bias_sigma
+    sigmas[s.ACCELEROMETER_BIASES] = robot.imu.accelerometer_bias_sigma
     sigmas[s.GRAVITY] = robot.slope.sigma
     sigmas[s.TRACK_SCALE] = robot.tracks.scale_sigma
     sigmas[s.TRACK_DIFFERENCE] = robot.tracks.difference_sigma
     sigmas[s.GYRO_SCALE] = robot.imu.gyro_scale_sigma
-    slip = settings.slip or slip_of(robot, variant)
+    slip = settings.slip or variants.slip_of(robot, variant)
     disturbances = Disturbances(robot, slip, sigmas[s.PARAMETERS] * adaptation.walk)
     if robot.imu.gyro_axes == "xyz":
         # Biases of roll and pitch rate may be as large as that of the yaw rate is.
@@ -65,11 +52,7 @@ def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptio
 
 
 def considered_states(variant: Variant, settings: Settings) -> tuple[int, ...]:
-    """Indices of the states that `Settings.considered` names.
-
-    Raises:
-        EstimatorError: there is no such parameter, bias or scale; the message names the nearest.
-    """
+    """Indices of states that `Settings.considered` names; `SettingError` if unknown."""
     names = state_names(variant)
     allowed = [name for name in names[s.LEARNT] if name]  # unused parameters have no name
     for name in settings.considered:

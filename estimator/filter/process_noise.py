@@ -28,11 +28,6 @@ UNKNOWN_YAW = math.pi**2 / 3.0
 class Disturbances:
     """The process noise of one robot and filter variant.
 
-    Args:
-        robot: the robot.
-        slip: of the variant.
-        parameter_walk: (9,) random walk of the parameters at its full rate, per √s.
-
     Attributes:
         slip: slip of the variant.
         bias_walk: (SIZE,) random walk of the biases, zero elsewhere, per √s.
@@ -46,10 +41,8 @@ class Disturbances:
         self._track_gauge = robot.vehicle.track_gauge
         self.bias_walk = np.zeros(s.SIZE)
         self.bias_walk[s.GYRO_BIAS] = robot.imu.gyro_bias_walk
-        self.bias_walk[s.ACCELEROMETER_BIAS_X] = robot.imu.accelerometer_bias_walk
-        self.bias_walk[s.ACCELEROMETER_BIAS_Y] = robot.imu.accelerometer_bias_walk
-        self.slope_walk = np.zeros(s.SIZE)
-        slope = robot.slope
+        self.bias_walk[s.ACCELEROMETER_BIASES] = robot.imu.accelerometer_bias_walk
+        self.slope_walk, slope = np.zeros(s.SIZE), robot.slope
         self.slope_walk[s.GRAVITY] = slope.walk if slope.sigma > 0.0 else 0.0
         # A Gauss-Markov process in the distance, of this standard deviation.
         self.slope_forgetting = 0.5 * (slope.walk / slope.sigma) ** 2 if slope.sigma > 0.0 else 0.0
@@ -59,16 +52,10 @@ class Disturbances:
     def slip_sigma(
         self, tracks: TrackRecord, eta: float, *, pushed: bool, factor: float = 1.0
     ) -> Vector3:
-        """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
+        """Standard deviation of the slip at the present track speeds, see `slip_at`.
 
         It depends on smoothed speeds, as the random walk of the parameters does. If it followed the noise
         of the speeds, the samples with the most information on the parameters would get the least weight.
-
-        Args:
-            tracks: the track speeds.
-            eta: typical steering efficiency index [-].
-            pushed: the robot may be turning with its tracks at rest.
-            factor: factor on the slip that the fixes have shown, see `filter.slip_factor`.
         """
         left, right = tracks.smooth_left, tracks.smooth_right
         return slip_at(left, right, self.slip, self._track_gauge, eta, pushed, factor)
@@ -78,14 +65,9 @@ class Disturbances:
     ) -> Floats:
         """(3, 3) density of the fast slip over a step.
 
-        It is the sum of the error of the track speeds, the white part of the slip, the possible change of
-        stale track speeds, and slides of the robot.
-
-        Args:
-            inputs: inputs of the step.
-            by_speeds: (3, 2) derivative of the twist by the track speeds.
-            sigma: standard deviation of the slip, see `slip_sigma`.
-            dt: length of the step [s].
+        It is the sum of the error of the track speeds, the white part of the slip of this `sigma`, the
+        possible change of stale track speeds, and slides of the robot. `by_speeds` (3, 2) is the
+        derivative of the twist by the track speeds, `dt` the length of the step [s].
         """
         density = fast_slip_density(
             by_speeds.tolist(),
@@ -113,23 +95,19 @@ def slip_at(
         gauge: L [m].
         eta: typical steering efficiency index [-].
         pushed: the robot may be turning with its tracks at rest.
-        factor: factor on all of it.
+        factor: factor on the slip that the fixes have shown, see `filter.slip_factor`.
     """
     forward, sideways, turning = slip_components(left, right, slip, gauge * max(1.0, eta))
     return factor * forward, factor * sideways, select(pushed, PUSHED_W, factor * turning)
 
 
 def slip_times(time_constant: float, factor: float) -> Vector3:
-    """Correlation times of the slip of v_x, v_y and w [s].
+    """Correlation times of the slip of v_x, v_y and w [s], by that without a factor.
 
     What a factor adds to the slip along the tracks lasts longer than what bends make: as long as the
     robot is on that ground. The time is the mean of both, weighted by their variances. The others stay:
     to the side the robot slips in bends, and a long slip could be a wrong yaw; the gyro shows that of w,
     and a long one could be its bias.
-
-    Args:
-        time_constant: that of the slip without the factor [s].
-        factor: factor on the slip that the fixes have shown, see `filter.slip_factor`.
     """
     own_share = 1.0 / (factor * factor)
     mean = own_share * time_constant + (1.0 - own_share) * GROUND_TIME
@@ -137,13 +115,7 @@ def slip_times(time_constant: float, factor: float) -> Vector3:
 
 
 def lasting_slip(slip: Any, heading: tuple[Any, Any], interval: Any) -> tuple[Any, Any, Any]:
-    """Errors of x, y and slip of v_x if the slip has lasted since the last fix.
-
-    Args:
-        slip: the slip of v_x at the fix [m/s].
-        heading: cosine and sine of the yaw.
-        interval: time since the fix before [s].
-    """
+    """Errors of x, y [m] and slip [m/s] if the slip of v_x has lasted an interval [s]."""
     lasting = slip * min(1.0, interval / GROUND_TIME)
     distance = 0.5 * interval * lasting
     return heading[0] * distance, heading[1] * distance, lasting
@@ -194,13 +166,7 @@ def fast_slip_density(
 
 
 def twist_covariance(jacobian: Floats, P: Floats, fastest: float) -> Floats:
-    """(3, 3) covariance of the body velocity, see `share_of_sigma`.
-
-    Args:
-        jacobian: (3, n) derivative of the body velocity by the state.
-        P: (n, n) covariance of the state.
-        fastest: highest speed of a track [m/s].
-    """
+    """(3, 3) covariance of the body velocity, by its Jacobian (3, n) and P (n, n)."""
     covariance = np.asarray(jacobian @ P @ jacobian.T)
     v_x, v_y = (share_of_sigma(covariance.item(axis, axis), fastest) for axis in (0, 1))
     shares = np.array([v_x, v_y, 1.0])
@@ -208,14 +174,10 @@ def twist_covariance(jacobian: Floats, P: Floats, fastest: float) -> Floats:
 
 
 def share_of_sigma(variance: Any, fastest: Any) -> Any:
-    """Factor that bounds the sigma of v_x or v_y by the highest track speed.
+    """Factor that bounds the sigma of v_x or v_y by the highest track speed [m/s].
 
     The fast slip is white. Of a speed that is unknown for long, it has the error of the path, but a
     larger variance.
-
-    Args:
-        variance: variance by the state [m²/s²].
-        fastest: highest speed of a track [m/s].
     """
     limit = fastest * fastest
     return fastest / math.sqrt(select(variance > limit, variance, limit))

@@ -5,9 +5,7 @@ the next fix corrects the position for a moment only: the estimate drives away f
 the estimated path since then has the right shape. So it is aligned with the rejected fixes by the turn
 and the shift of least squares (closed form in the plane: Umeyama, Least-squares estimation of
 transformation parameters between two point patterns, IEEE Trans. PAMI 13, 1991). The result is used if
-the residuals agree with the variances of the fixes.
-
-The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+the residuals agree with the variances of the fixes. Functions are plain Python, also for numba.
 """
 
 import math
@@ -17,6 +15,7 @@ import msgspec
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.records import zeros
+from icreckon.estimator.log.measurements import Vector3
 
 FEWEST, MOST = 5, 64  # least number of rejected fixes, and most that are kept
 # Largest standard deviation of the turn [rad], and least turn, in such standard deviations; otherwise a
@@ -34,25 +33,17 @@ class RejectedRecord(msgspec.Struct):
     count: Annotated[int, msgspec.Meta(ge=0, le=MOST)] = 0  # their number
     x: OfRejected = zeros(MOST)  # measured [m]
     y: OfRejected = zeros(MOST)  # measured [m]
-    # variance of each coordinate about those of the first one [m²]
-    variance: OfRejected = zeros(MOST)
+    variance: OfRejected = zeros(MOST)  # of each coordinate about those of the first one [m²]
     predicted_x: OfRejected = zeros(MOST)  # predicted [m]
     predicted_y: OfRejected = zeros(MOST)  # predicted [m]
 
 
 def add_rejected(
-    rejected: RejectedRecord,
-    fix: tuple[float, float, float],
-    predicted: tuple[float, float, float],
-    wandered: float,
+    rejected: RejectedRecord, fix: Vector3, predicted: Vector3, wandered: float
 ) -> None:
-    """Add a position fix; the oldest of `MOST` is dropped.
+    """Add a position fix: x, y [m], variance [m²]; the oldest of `MOST` is dropped.
 
-    Args:
-        rejected: the record, changed in place.
-        fix: x and y [m], and the variance that it states [m²].
-        predicted: predicted x and y [m]; the rest is not used.
-        wandered: variance that the wander of the fixes has gained since the one before [m²].
+    Predicted are x and y [m]; `wandered` is the variance that the wander has gained since the last [m²].
     """
     if rejected.count == MOST:
         for k in range(MOST - 1):
@@ -72,16 +63,11 @@ def add_rejected(
 def relocate(
     rejected: RejectedRecord, pose: Floats, covariance: Floats, wander_sigma: float
 ) -> bool:
-    """Align a pose with the rejected fixes; return False if they do not fit.
+    """Align a pose (3,) with the rejected fixes; return False if they do not fit.
 
-    The pose is as far off as the fixes are: if these wander, the wander's variance is added to its own,
-    and the two are correlated.
-
-    Args:
-        rejected: the record.
-        pose: (3,) x, y [m], yaw [rad], changed in place.
-        covariance: (5, 5) written to: covariance of the pose, and of a new wander of zero.
-        wander_sigma: standard deviation of the wander [m].
+    The pose [m, m, rad] is changed in place, and the covariance (5, 5) of it and of a new wander of zero
+    is written. The pose is as far off as the fixes are: if these wander, with `wander_sigma` [m], the
+    wander's variance is added to its own, and the two are correlated.
     """
     fit = aligned_path(rejected)
     if not fit.fits:

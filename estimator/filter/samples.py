@@ -40,17 +40,15 @@ class SampleArrays(NamedTuple):
 
     def split(self, stamp: int) -> tuple[SampleArrays, SampleArrays]:
         """Samples up to a stamp [ns], and those after it."""
-        tracks, imu = (
-            int(np.searchsorted(stamps, stamp, "right"))
-            for stamps in (self.track_stamps, self.imu_stamps)
-        )
+        tracks = int(np.searchsorted(self.track_stamps, stamp, "right"))
+        imu = int(np.searchsorted(self.imu_stamps, stamp, "right"))
         # The first four fields are of the track speeds, the others of the IMU.
-        up_to: Any = (*(part[:tracks] for part in self[:4]), *(part[:imu] for part in self[4:]))
+        up_to: Any = [*(array[:tracks] for array in self[:4]), *(array[:imu] for array in self[4:])]
         return SampleArrays(*up_to), self.after(tracks, imu)
 
     def after(self, tracks: int, imu: int) -> SampleArrays:
         """Samples after the first `tracks` track speeds and the first `imu` IMU samples."""
-        rest: Any = (*(part[tracks:] for part in self[:4]), *(part[imu:] for part in self[4:]))
+        rest: Any = [*(array[tracks:] for array in self[:4]), *(array[imu:] for array in self[4:])]
         return SampleArrays(*rest)
 
 
@@ -73,13 +71,11 @@ class RunRows(NamedTuple):
     twists: Floats  # (n, 3) v_x, v_y [m/s], w [rad/s]
     twist_covariances: Floats  # (n, 3, 3) their covariances
     indices: Floats  # (n, 3) zeta [m], epsilon [m], eta [-]
-    # (n, 3) newest normalised innovation of each gate of the IMU since the row before, NaN if there was
-    # none
+    # (n, 3) newest normalised innovation of each gate of the IMU since the row before, or NaN
     innovations: Floats
     faults: Flags  # (n, k) 1 for each fault that lasts, see `FAULT_COLUMNS`
     judged: Stamps  # (3,) stamps of those in the newest row that has one [ns]
-    # (4,) number of filled rows, stamp of the newest [ns], 1 if one is due, stamp of the newest
-    # measurement [ns]
+    # (4,) number of filled rows, stamp of the newest [ns], 1 if one is due, newest measurement [ns]
     progress: Stamps
 
 
@@ -108,10 +104,7 @@ def are_in_order(samples: SampleArrays) -> bool:
 
 
 def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
-    """Return True if a log has readings that are rejected before the gates.
-
-    `max_track_speed` [m/s] is that of the robot, or of the slowest one of several.
-    """
+    """Return True if a log has readings that are rejected before the gates."""
     imu, fastest = log.imu, ABSURD_SPEED * max_track_speed
     readings = [(values, fastest) for values in (log.tracks.speeds, *wheels_of(log.tracks))]
     if imu is not None:

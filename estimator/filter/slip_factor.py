@@ -69,11 +69,8 @@ def normalised(
 def trend_after(trend: tuple[Any, Any, Any], ahead: Any, beside: Any) -> tuple[Any, Any, Any]:
     """Mean of the normalised innovations of position fixes, with a newer fix.
 
-    Args:
-        trend: mean before it, to the front and to the left of the robot, and size: mean NIS of a degree
-            of freedom [-].
-        ahead: normalised innovation to the front, see `normalised` [-].
-        beside: normalised innovation to the left [-].
+    The trend is this mean, to the front and to the left of the robot, and its size: mean NIS of a degree
+    of freedom. `ahead` and `beside` are the newer fix's innovation, see `normalised` [-].
     """
     forward, left, size = trend
     return (
@@ -88,13 +85,7 @@ def present_factor_after(factor: Any, trend: tuple[Any, Any, Any], left: Any, ri
 
     The normalised square of the trend is 1 in the mean if the innovations are white. The factor grows
     with more, so slowly that single fixes hardly count, and is at least 1: fixes whose noise is smaller
-    than they state must not make the slip vanish.
-
-    Args:
-        factor: the factor before.
-        trend: see `trend_after`, this fix included.
-        left: speed of the left track [m/s].
-        right: speed of the right track [m/s].
+    than they state must not make the slip vanish. The trend is by `trend_after`; speeds are in m/s.
     """
     trend_forward, trend_left, trend_size = trend
     trend_square = trend_forward * trend_forward + trend_left * trend_left
@@ -110,13 +101,7 @@ def slip_factor_after(factor: Any, present: Any, left: Any, right: Any) -> Any:
     """Factor on the slip after a position fix that the gate admitted.
 
     Ground that has been met is met again. So the factor is the largest of late, which is forgotten
-    slowly.
-
-    Args:
-        factor: the factor before.
-        present: see `present_factor_after`, this fix included.
-        left: speed of the left track [m/s].
-        right: speed of the right track [m/s].
+    slowly. `present` is by `present_factor_after`; speeds of the tracks are in m/s.
     """
     forgotten = share_of_moving(left, right) / MEMORY
     return max(present, factor - forgotten * (factor - 1.0))
@@ -128,20 +113,13 @@ def share_of_moving(left: Any, right: Any) -> Any:
 
 
 def let_slip_last(ekf: Ekf, yaw: float, interval: float) -> None:
-    """Inflate slip and position by the slip that has faded since the last fix.
-
-    `yaw` is that at the fix [rad], `interval` the time since the fix before [s].
-    """
+    """Inflate slip and position by the slip that has faded in an interval [s]."""
     faded = lasting_slip(ekf.x.item(s.SLIP_X), (math.cos(yaw), math.sin(yaw)), interval)
     ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(faded, faded), of_motion=True)
 
 
 def follow_scatter(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
-    """Add a position fix and its innovation to the scatter, see `add_fix`.
-
-    Once scatter is found, the caller inflates the states by their corrections with the fixes, see
-    `inflate_by_corrections`.
-    """
+    """Add a position fix and its innovation to the scatter, see `add_fix`."""
     x, y = normalised(fix.z, fix.S)
     count_innovation(scatter, x, y)
     return add_fix(scatter, fix, correction)

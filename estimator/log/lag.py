@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import BEYOND, BLOCKS, beside_lowest, jackknife_sigma
-from icreckon.estimator.log.scores import even_grid, pieces
+from icreckon.estimator.log.scores import are_within, even_grid, pieces
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, running_integral
 
 NEAR = np.arange(-0.5, 1.2001, 0.02)  # candidate lags [s]; negative if the reference is late
@@ -91,13 +90,7 @@ def places_of(poses: PoseSeries) -> Curve:
 
 
 def plain_path(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats) -> PoseSeries:
-    """Path at the stamps of the IMU, by the gyro and the mean of the tracks.
-
-    Args:
-        tracks: the track speeds, at least one.
-        imu: the IMU, for its stamps.
-        rates: (n,) its rate about the vertical [rad/s].
-    """
+    """Path at the IMU's stamps, by its yaw rates (n,) [rad/s] and mean track speeds."""
     yaw = turned(imu.stamps, rates).values
     ends = np.searchsorted(tracks.stamps, imu.stamps).clip(max=len(tracks.stamps) - 1)
     speed = tracks.speeds.mean(axis=1)[ends]
@@ -107,12 +100,9 @@ def plain_path(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats) -> PoseS
 
 
 def find_lag(late: Curve, reference: Curve, *, least: float = 0.0) -> Lag | NoLag:
-    """Find the lag of a series behind a reference.
+    """Find the lag of a series behind a reference, perhaps in another unit or frame.
 
-    Args:
-        late: the series whose stamps may be late.
-        reference: the same motion, perhaps in another unit or frame.
-        least: least standard deviation of the reference's changes over the windows, in its unit.
+    The reference's changes over the windows need a standard deviation of `least`, in its unit.
 
     Returns:
         The lag, or the reason why there is none: too short, too little motion, no agreement at any lag,
@@ -139,9 +129,8 @@ def _search(
 ) -> Lag | NoLag:
     """Search an even grid of lags (m,) [s].
 
-    Returns:
-        The best lag. `NOWHERE` if none agrees, or the best is at an end of the grid. Another `NoLag` for
-        too few windows, too little motion, or a lag within its error, if that is above `CERTAIN`.
+    `NOWHERE` if none agrees, or the best is at an end of the grid. Another `NoLag` for too few windows,
+    too little motion, or a lag within its error, if that is above `CERTAIN`.
     """
     origin = int(late.stamps[0])
     starts = _windows(late, reference, origin, lags)
@@ -154,9 +143,8 @@ def _search(
     spread = np.std(reference.changes(origin, starts))
     if spread < least_spread or np.ptp(late_changes) == 0.0:
         return NoLag("the robot turns or speeds up too little")
-    residuals = np.array(
-        [_residuals(late_changes, reference.changes(origin, starts - lag)) for lag in lags]
-    )
+    shifted_changes = [reference.changes(origin, starts - lag) for lag in lags]
+    residuals = np.array([_residuals(late_changes, changes) for changes in shifted_changes])
     costs = residuals.mean(axis=1)
     # R² with absolute values: 1 for a perfect line, 0 for one that is no better than the median.
     agreement = 1.0 - costs.min() / np.mean(np.abs(late_changes - np.median(late_changes)))
@@ -164,10 +152,9 @@ def _search(
         return NOWHERE
     # Jackknife: lags from all windows but one block, for each block.
     blocks = np.array_split(np.arange(len(starts)), BLOCKS)
-    estimates = [
-        _lowest(np.delete(residuals, block, axis=1).mean(axis=1), lags) for block in blocks
-    ]
-    best = Lag(_lowest(costs, lags), float(jackknife_sigma(np.array(estimates))))
+    without = [np.delete(residuals, block, axis=1).mean(axis=1) for block in blocks]
+    sigma = jackknife_sigma(np.array([_lowest(others_costs, lags) for others_costs in without]))
+    best = Lag(_lowest(costs, lags), float(sigma))
     if best.sigma > CERTAIN and abs(best.seconds) <= BEYOND * best.sigma:
         return NoLag(f"{best.seconds:.2f} ± {best.sigma:.2f} s is within its error")
     return best
@@ -180,26 +167,16 @@ def _windows(late: Curve, reference: Curve, origin: int, lags: Floats) -> Floats
     low = max(late_s[0], reference_s[0] + lags[-1])
     high = min(late_s[-1], reference_s[-1] + lags[0]) - WINDOW
     starts = even_grid(low, high, max(SPACING, (high - low) / MOST), late_s)
-    covered = _covered(late.stamps, late_s, starts, starts + WINDOW)
+    late_pieces, reference_pieces = (pieces(c.stamps, LARGEST_HOLE) for c in (late, reference))
+    covered = are_within(late_pieces, late_s, starts, starts + WINDOW)
     # At the largest lag the reference's window begins first, at the smallest it ends last.
     begins, ends = starts - lags[-1], starts + WINDOW - lags[0]
-    covered &= _covered(reference.stamps, reference_s, begins, ends)
+    covered &= are_within(reference_pieces, reference_s, begins, ends)
     return np.asarray(starts[covered])
 
 
-def _covered(stamps: Stamps, seconds: Floats, begins: Floats, ends: Floats) -> NDArray[np.bool_]:
-    """Mask (k,) of the intervals [s] that contain no gap between stamps (n,)."""
-    piece = pieces(stamps, LARGEST_HOLE)
-    first = np.clip(np.searchsorted(seconds, begins, side="right") - 1, 0, None)
-    last = np.minimum(np.searchsorted(seconds, ends), len(piece) - 1)
-    return np.asarray(piece[first] == piece[last])
-
-
 def _residuals(values: Floats, regressor: Floats) -> Floats:
-    """Absolute residuals (n,) of the straight line that makes their sum least.
-
-    The line is found by least squares that are weighted again in each of `ROUNDS` rounds.
-    """
+    """Absolute residuals (n,) of the line for which their sum is least."""
     smallest = 0.01 * np.std(values)
     weights = np.ones(len(values))
     for _ in range(ROUNDS):

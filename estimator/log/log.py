@@ -9,16 +9,18 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
+from heapq import merge
+from operator import attrgetter
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Indexes, Stamps
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.log.gather import gathered
+from icreckon.estimator.log.input_checks import STREAMS, Admission, Key, key_of
 from icreckon.estimator.log.measurements import (
     HeadingFix,
     ImuSample,
@@ -36,12 +38,11 @@ from icreckon.estimator.log.series import (
     require_part,
 )
 
+NO_LIMIT = 1e300  # no stamp and no speed is rejected for being far from others
 AT_A_TIME = 8192  # number of measurements of a log that are made at once
 
-_Maker = Callable[[NDArray[np.int64]], list[Measurement]]
+_Maker = Callable[[Indexes], list[Measurement]]
 """Function from indices into a stream to its measurements, in that order."""
-
-
 _Series = TypeVar("_Series", TrackSpeedSeries, ImuSeries, PoseSeries, TwistSeries, FixSeries)
 
 
@@ -97,7 +98,7 @@ class Log:
             EstimatorError: an element is not a measurement, or track speeds have differing numbers of
                 wheels.
         """
-        return cls(name, **gathered(measurements))
+        return cls(name, **_gathered(measurements))
 
     def __repr__(self) -> str:
         """One line: duration and numbers of samples."""
@@ -161,7 +162,7 @@ class Log:
 
         def cut(series: _Series) -> _Series:
             inside = (series.stamps >= start) & (series.stamps <= end)
-            arrays: dict[str, Any] = {one.name: getattr(series, one.name) for one in fields(series)}
+            arrays: dict[str, Any] = vars(series)
             parts = {name: array[inside] for name, array in arrays.items() if array is not None}
             return replace(series, **parts)
 
@@ -179,7 +180,7 @@ class Log:
             imu=self.imu and cut(self.imu),
             fixes=self.fixes and cut(self.fixes),
             truth=truth,
-            others=tuple(one for one in self.others if start <= one.stamp <= end),
+            others=tuple(other for other in self.others if start <= other.stamp <= end),
         )
 
     def measurements(self) -> Iterator[Measurement]:
@@ -187,36 +188,20 @@ class Log:
 
         At equal stamps the order is tracks, IMU, fixes, others.
         """
-        streams: list[tuple[Stamps, _Maker]] = [
-            (self.tracks.stamps, partial(_track_speeds, self.tracks))
-        ]
+        streams = [_stream(len(self.tracks.stamps), partial(_track_speeds, self.tracks))]
         if self.imu is not None:
-            streams.append((self.imu.stamps, partial(_imu_samples, self.imu)))
+            streams.append(_stream(len(self.imu.stamps), partial(_imu_samples, self.imu)))
         if self.fixes is not None:
             fixes, headed = self.fixes, np.flatnonzero(np.isfinite(self.fixes.poses[:, 2]))
-            streams.append((fixes.stamps, partial(_positions, fixes)))
-            streams.append((fixes.stamps[headed], lambda rows: _headings(fixes, headed[rows])))
-        stamps_of_others = np.array([one.stamp for one in self.others], dtype=np.int64)
-        streams.append((stamps_of_others, lambda rows: [self.others[k] for k in rows.tolist()]))
-        stamps = np.concatenate([stream[0] for stream in streams])
-        ends = np.cumsum([len(stream[0]) for stream in streams])
-        order = np.argsort(stamps, kind="stable")
-        # In chunks, each made stream by stream and then interleaved: all measurements of a long log at
-        # once would fill the memory.
-        for start in range(0, len(order), AT_A_TIME):
-            wanted = order[start : start + AT_A_TIME]
-            stream_of = np.searchsorted(ends, wanted, side="right")
-            made = []
-            for number, (own_stamps, make) in enumerate(streams):
-                first = ends[number] - len(own_stamps)
-                made.append(iter(make(wanted[stream_of == number] - first)))
-            for number in stream_of.tolist():
-                yield next(made[number])
+            streams.append(_stream(len(fixes.stamps), partial(_positions, fixes)))
+            streams.append(_stream(len(headed), lambda rows: _headings(fixes, headed[rows])))
+        by_stamp = attrgetter("stamp")
+        return merge(*streams, sorted(self.others, key=by_stamp), key=by_stamp)
 
 
 def screen(
     stream: str, stamps: ArrayLike, *values: ArrayLike, positive: ArrayLike | None = None
-) -> tuple[NDArray[np.bool_], dict[str, int]]:
+) -> tuple[Flags, dict[str, int]]:
     """Screen a stream: mask of valid samples, and counts of dropped ones by reason.
 
     A sample is dropped if a value is NaN or infinite, if a variance is not positive, or if its stamp is
@@ -224,13 +209,10 @@ def screen(
     is kept, so that one wrong stamp, ahead or behind, drops only that sample.
 
     Args:
-        stream: name used in the reasons.
+        stream: name used in the reasons, "stream: reason".
         stamps: (n,) stamps [ns] in order of arrival.
         values: arrays of n rows; every element must be finite.
         positive: array of n rows, every element finite and positive, or None.
-
-    Returns:
-        (n,) mask of samples to keep, and "stream: reason" -> count for each reason that occurred.
     """
     stamps = np.asarray(stamps, dtype=np.int64)
     count = len(stamps)
@@ -239,7 +221,7 @@ def screen(
     if count == 0:
         return keep, reasons
 
-    def drop(is_bad: NDArray[np.bool_], reason: str) -> None:
+    def drop(is_bad: Flags, reason: str) -> None:
         newly_bad = is_bad & keep
         if newly_bad.any():
             key = f"{stream}: {reason}"
@@ -265,19 +247,17 @@ def screen(
     return keep, reasons
 
 
-def _longest_rising(stamps: Stamps, allowed: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mask (n,) of the longest strictly rising subsequence of allowed stamps.
-
-    Patience sorting: for each length it keeps the rising sequence with the smallest last value.
-    """
+def _longest_rising(stamps: Stamps, allowed: Flags) -> Flags:
+    """Mask (n,) of the longest strictly rising sequence of allowed stamps."""
     chosen = np.zeros(len(stamps), dtype=bool)
     candidates = np.flatnonzero(allowed)
     values = stamps[candidates]
     if (np.diff(values) > 0).all():
         chosen[candidates] = True
         return chosen
-    last_values: list[int] = []  # by length less 1
-    last_indices: list[int] = []  # among `values`, by length less 1
+    # Patience sorting: for each length (less 1) the rising sequence with the smallest last value.
+    last_values: list[int] = []
+    last_indices: list[int] = []  # among `values`
     predecessors = np.full(len(values), -1)  # among `values`; -1 begins a sequence
     for index, value in enumerate(values.tolist()):
         length = bisect_left(last_values, value)
@@ -294,14 +274,20 @@ def _longest_rising(stamps: Stamps, allowed: NDArray[np.bool_]) -> NDArray[np.bo
     return chosen
 
 
-def _track_speeds(tracks: TrackSpeedSeries, rows: NDArray[np.int64]) -> list[Measurement]:
+def _stream(count: int, make: _Maker) -> Iterator[Measurement]:
+    """Yield the measurements of a stream, made in chunks: all would fill the memory."""
+    for start in range(0, count, AT_A_TIME):
+        yield from make(np.arange(start, min(start + AT_A_TIME, count)))
+
+
+def _track_speeds(tracks: TrackSpeedSeries, rows: Indexes) -> list[Measurement]:
     columns = [tracks.stamps[rows].tolist(), *tracks.speeds[rows].T.tolist()]
-    wheels = (tracks.left_wheels, tracks.right_wheels)
-    columns += [list(map(tuple, one[rows].tolist())) for one in wheels if one is not None]
+    both_sides = (tracks.left_wheels, tracks.right_wheels)
+    columns += [list(map(tuple, side[rows].tolist())) for side in both_sides if side is not None]
     return [TrackSpeeds(*row) for row in zip(*columns, strict=True)]
 
 
-def _imu_samples(imu: ImuSeries, rows: NDArray[np.int64]) -> list[Measurement]:
+def _imu_samples(imu: ImuSeries, rows: Indexes) -> list[Measurement]:
     rates = [tuple(row) for row in imu.angular_velocity[rows].tolist()]
     forces: list[Any] = [None] * len(rates)
     if imu.linear_acceleration is not None:
@@ -312,15 +298,91 @@ def _imu_samples(imu: ImuSeries, rows: NDArray[np.int64]) -> list[Measurement]:
     return [ImuSample(*row) for row in zip(imu.stamps[rows].tolist(), rates, forces, strict=True)]
 
 
-def _positions(fixes: FixSeries, rows: NDArray[np.int64]) -> list[Measurement]:
+def _positions(fixes: FixSeries, rows: Indexes) -> list[Measurement]:
     place, variances = fixes.poses[rows, :2].T, fixes.variances[rows, 0]
     return _each_row(PositionFix, fixes.stamps[rows], *place, variances, *fixes.lever_arms[rows].T)
 
 
-def _headings(fixes: FixSeries, rows: NDArray[np.int64]) -> list[Measurement]:
+def _headings(fixes: FixSeries, rows: Indexes) -> list[Measurement]:
     yaw, variances = fixes.poses[rows, 2], fixes.variances[rows, 1]
     return _each_row(HeadingFix, fixes.stamps[rows], yaw, variances)
 
 
 def _each_row(kind: Callable[..., Measurement], *columns: NDArray[Any]) -> list[Measurement]:
-    return [kind(*row) for row in zip(*(one.tolist() for one in columns), strict=True)]
+    return [kind(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+
+
+def _gathered(measurements: Iterable[Measurement]) -> dict[str, Any]:
+    """Sort measurements into the fields of a `Log`, by name.
+
+    A heading fix at the stamp of a position fix belongs to it. What has no series is in `others`.
+    """
+    admission, dropped = Admission(0.0, NO_LIMIT), dict[str, int]()
+    kept: dict[Key, Measurement] = {}
+    for measurement, objection in map(admission.checked, measurements):
+        key = key_of(measurement)
+        reason = objection or ("duplicate stamp" if key in kept else None)
+        if reason is None:
+            kept[key] = measurement
+        else:
+            name = f"{STREAMS[type(measurement)]}: {reason}"
+            dropped[name] = dropped.get(name, 0) + 1
+    ordered = [kept[key] for key in sorted(kept)]
+    tracks = [m for m in ordered if isinstance(m, TrackSpeeds)]
+    samples = [m for m in ordered if isinstance(m, ImuSample)]
+    positions = [m for m in ordered if isinstance(m, PositionFix)]
+    stamps = {m.stamp for m in positions}
+    headings = {m.stamp: m for m in ordered if isinstance(m, HeadingFix) and m.stamp in stamps}
+    rest = [m for m in ordered if not isinstance(m, TrackSpeeds | ImuSample | PositionFix)]
+    others = [m for m in rest if not (isinstance(m, HeadingFix) and m.stamp in headings)]
+    return {
+        "tracks": _tracks(tracks),
+        "imu": _imu(samples) if samples else None,
+        "fixes": _fixes(positions, headings) if positions else None,
+        "dropped": dropped,
+        "others": tuple(others),
+    }
+
+
+def _tracks(speeds: list[TrackSpeeds]) -> TrackSpeedSeries:
+    """Series of track speeds; wheels are kept if all samples have as many."""
+    stamps, means = _stamps(speeds), _array([(m.left, m.right) for m in speeds], 2)
+    counts = {(len(m.left_wheels), len(m.right_wheels)) for m in speeds}
+    if counts <= {(0, 0)}:
+        return TrackSpeedSeries(stamps, means)
+    if len(counts) > 1:
+        raise EstimatorError(
+            "track speeds of one log have as many wheels in each sample; found (left, right) "
+            f"{', '.join(map(str, sorted(counts)))}"
+        )
+    ((left, right),) = counts  # the only one
+    left_wheels = _array([m.left_wheels for m in speeds], left)
+    right_wheels = _array([m.right_wheels for m in speeds], right)
+    return TrackSpeedSeries(stamps, means, left_wheels, right_wheels)
+
+
+def _imu(samples: list[ImuSample]) -> ImuSeries:
+    """Series of IMU samples; without forces if no sample has one."""
+    forces: Floats | None = None
+    if any(m.linear_acceleration is not None for m in samples):
+        no_force = (np.nan, np.nan, np.nan)
+        forces = _array([m.linear_acceleration or no_force for m in samples], 3)
+    return ImuSeries(_stamps(samples), _array([m.angular_velocity for m in samples], 3), forces)
+
+
+def _fixes(positions: list[PositionFix], headings: dict[int, HeadingFix]) -> FixSeries:
+    """Series of fixes with the headings at their stamps; NaN for a fix without one."""
+    no_heading = HeadingFix(0, np.nan, np.nan)
+    antennas = _array([(m.forward, m.left) for m in positions], 2)
+    pairs = [(m, headings.get(m.stamp, no_heading)) for m in positions]
+    poses = _array([(m.x, m.y, heading.yaw) for m, heading in pairs], 3)
+    variances = _array([(m.variance, heading.variance) for m, heading in pairs], 2)
+    return FixSeries(_stamps(positions), poses, variances, antennas if antennas.any() else None)
+
+
+def _stamps(measurements: list[Any]) -> Stamps:
+    return np.array([m.stamp for m in measurements], dtype=np.int64)
+
+
+def _array(rows: list[Any], width: int) -> Floats:
+    return np.array(rows, dtype=float).reshape(-1, width)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Stamps
 from icreckon.estimator.log.scores import interpolate, interpolate_poses, path_length
 from icreckon.estimator.log.series import PoseSeries, Truth, running_integral
 
@@ -42,11 +42,7 @@ def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> st
     """Check the headings of a truth by the course of its path, and by a gyro.
 
     A robot that turns on the spot has a short path whose course shows little: headings that turn as the
-    gyro does are valid, too.
-
-    Args:
-        truth: a truth with headings.
-        gyro: stamps (n,) [ns] and yaw rates (n,) [rad/s] of the robot's gyro.
+    gyro does, with stamps [ns] and yaw rates (n,) [rad/s], are valid, too.
 
     Returns:
         The reason not to use them; None if they follow the path or the gyro, or the path is too short.
@@ -57,9 +53,9 @@ def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> st
         return None
     yaw = np.unwrap(poses.poses[:, 2])
     steps = np.diff(poses.poses[ends, :2], axis=0)
-    way = float(np.hypot(*steps.T).sum())
+    distance = float(np.hypot(*steps.T).sum())
     if np.ptp(yaw) < SAME and _may_turn(truth):
-        return f"are all the same although it moves by {way:.0f} m"
+        return f"are all the same although it moves by {distance:.0f} m"
     if len(steps) < FEWEST_STEPS:
         return None
     middle = poses.stamps[(ends[1:] + ends[:-1]) // 2]
@@ -75,7 +71,7 @@ def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> st
         return None
     if gyro is not None and _turns_like(poses, *gyro):
         return None
-    return f"do not follow its path of {way:.0f} m"
+    return f"do not follow its path of {distance:.0f} m"
 
 
 def _turns_like(poses: PoseSeries, stamps: Stamps, rates: Floats) -> bool:
@@ -85,9 +81,8 @@ def _turns_like(poses: PoseSeries, stamps: Stamps, rates: Floats) -> bool:
     if len(ends) <= FEWEST_STEPS:
         return False
     angles = (stamps, running_integral(stamps, rates)), (poses.stamps, np.unwrap(poses.poses[:, 2]))
-    by_gyro, by_truth = (
-        np.diff(interpolate(known, angle[:, None], ends)[:, 0]) for known, angle in angles
-    )
+    at_ends = [interpolate(known, angle[:, None], ends)[:, 0] for known, angle in angles]
+    by_gyro, by_truth = np.diff(at_ends, axis=1)
     apart = by_truth - by_gyro
     is_enough = np.abs(by_gyro).sum() >= LEAST_TURNING
     return bool(is_enough and apart @ apart < MOST_APART * float(by_gyro @ by_gyro))
@@ -112,17 +107,11 @@ def _steps(places: Floats) -> Floats:
 
 
 def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | None:
-    """Find the headings of positions by a path of the same robot.
+    """Find the headings of positions by a path of the same robot, in any frame.
 
     Around each position the path is turned so that it fits the positions best (least squares). Where the
-    robot has hardly moved, the turn is interpolated between those before and after.
-
-    Args:
-        places: positions; their yaw is not used.
-        path: the path by dead reckoning, in any frame, over the same time.
-
-    Returns:
-        The headings, within the time of the path; None if the robot moves too little to see any.
+    robot has hardly moved, the turn is interpolated between those before and after. Headings are within
+    the time of the path; None if the robot moves too little to see any.
     """
     inside = (places.stamps >= path.stamps[0]) & (places.stamps <= path.stamps[-1])
     stamps = places.stamps[inside]
@@ -139,31 +128,22 @@ def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | Non
     known, everywhere = np.flatnonzero(is_good), np.arange(len(stamps))
     turns = np.interp(everywhere, known, np.unwrap(turn[is_good]))
     sigmas = np.interp(everywhere, known, sigma[is_good])
-    return PathHeadings(
-        PoseSeries(
-            stamps, np.column_stack([places.poses[inside, :2], yaw + turns]), travelled=travelled
-        ),
-        float(np.median(sigmas)),
-        float(sigmas[0]),
-        float(np.sqrt(np.median(variance[is_good]))),
-    )
+    columns = np.column_stack([places.poses[inside, :2], yaw + turns])
+    poses = PoseSeries(stamps, columns, travelled=travelled)
+    noise = float(np.sqrt(np.median(variance[is_good])))
+    return PathHeadings(poses, float(np.median(sigmas)), float(sigmas[0]), noise)
 
 
-def _turns(
-    z: NDArray[Any], r: NDArray[Any]
-) -> tuple[Floats, Floats, Floats, Floats, NDArray[np.bool_]]:
-    """Turns (n,) that lay the path around each position over the positions there.
+def _turns(z: NDArray[Any], r: NDArray[Any]) -> tuple[Floats, Floats, Floats, Floats, Flags]:
+    """Turns (n,) that align the path around each position with the positions there.
 
-    Positions z (n,) and places r (n,) of the path at their stamps are complex numbers [m].
-
-    Returns:
-        The turns; the scale of the path that fits best; the standard errors of the turns [rad]; the
-        variance of the positions about the turned path, per axis [m²]; and a mask of the turns that can
-        be used.
+    Positions z (n,) and places r (n,) of the path at their stamps are complex numbers [m]. Also returns
+    the scale of the path that fits best, the turns' standard errors [rad], the variance of the positions
+    about the turned path, per axis [m²], and a mask of the turns that can be used.
     """
-    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(r)))])
-    first = np.searchsorted(way, way - REACH)
-    last = np.searchsorted(way, way + REACH, side="right")
+    distance = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(r)))])
+    first = np.searchsorted(distance, distance - REACH)
+    last = np.searchsorted(distance, distance + REACH, side="right")
 
     def total(values: NDArray[Any]) -> NDArray[Any]:
         """Sums over the part of the path around each position."""
@@ -180,8 +160,8 @@ def _turns(
     misfit = np.maximum(square_r + square_z - 2.0 * np.abs(cross), 0.0)
     variance = misfit / np.maximum(2 * count - 3, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        # Errors are alike over some way: a lever arm, slip, multipath.
-        span = way[np.minimum(last, len(way)) - 1] - way[first]
+        # Errors are alike over some distance: a lever arm, slip, multipath.
+        span = distance[np.minimum(last, len(distance)) - 1] - distance[first]
         scale = np.abs(cross) / square_r
         sigma = np.sqrt(variance * count / square_r / np.maximum(span / ALIKE, 2.0))
         is_good = (square_r / count >= LEAST_EXTENT**2) & (sigma <= LARGEST_SIGMA) & (count > 2)

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Indexes, Stamps
 from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
@@ -29,7 +29,6 @@ LEAST_EIGENVALUE = 1e-12  # a covariance with a smaller eigenvalue counts as sin
 
 Interval = tuple[int, int]
 Unit = Literal["s", "m"]
-Places = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class Drift:
     distances: Floats
 
     @property
-    def moved(self) -> NDArray[np.bool_]:
+    def moved(self) -> Flags:
         """Mask (n,) of segments with enough motion for a meaningful ratio."""
         return self.distances > SLOWEST_MEAN_SPEED * self.horizon
 
@@ -79,12 +78,9 @@ class Drift:
 
 
 def mean_ratio(errors: Floats, distances: Floats, horizon: float) -> Floats:
-    """Mean error over mean distance of the segments with motion; NaN without any.
+    """Mean error over mean distance of segments with motion; NaN without any.
 
-    Args:
-        errors: (n, ...) errors of the segments.
-        distances: (n, ...) their distances [m].
-        horizon: their length [s, m].
+    Errors are (n, ...), distances (n, ...) [m], of segments of a length `horizon` [s, m].
     """
     moved = distances > SLOWEST_MEAN_SPEED * horizon
     with np.errstate(invalid="ignore"):
@@ -171,77 +167,63 @@ def shared_stamps(estimate: PoseSeries | Trajectory, truth: PoseSeries) -> Stamp
     return np.asarray(truth.stamps[is_shared(estimate, truth)])
 
 
-def segment_starts(stamps: Stamps) -> Places:
-    """Indices (n,) of stamps (m,) [ns] at which segments start.
-
-    All starts within a gap give one segment, the one after the gap.
-    """
+def segment_starts(stamps: Stamps) -> Indexes:
+    """Indices (n,) of stamps (m,) [ns] at which segments start; one after each gap."""
     begins = even_grid(stamps[0], stamps[-1], int(SEGMENT_STEP / NANOSECOND), stamps)
     return np.asarray(np.unique(np.searchsorted(stamps, begins)))
 
 
 def usable_segments(
     stamps: Stamps,
-    first: Places,
-    last: Places,
+    first: Indexes,
+    last: Indexes,
     *,
     within: list[Interval] | None,
     largest_gap: float,
-) -> tuple[Places, Places]:
+) -> tuple[Indexes, Indexes]:
     """Starts and ends (k,) of complete segments within an interval, without a gap.
 
-    Args:
-        stamps: (m,) stamps of the truth [ns].
-        first: (n,) indices of segment starts.
-        last: (n,) indices of segment ends, m or more for no end.
-        within: intervals of stamps [ns] that must contain a segment; None for everywhere.
-        largest_gap: segments across a longer gap are left out [s].
+    `first` and `last` (n,) are indices of stamps (m,) [ns], m or more for no end. One of the intervals
+    [ns] must contain a segment, None for everywhere; gaps are longer than `largest_gap` [s].
     """
     ends_inside = last < len(stamps)
     first, last = first[ends_inside], last[ends_inside]
     piece = pieces(stamps, largest_gap)
     keep = piece[first] == piece[last]
     if within is not None:
-        keep &= np.any(
-            [(stamps[first] >= low) & (stamps[last] <= high) for low, high in within], axis=0
-        )
+        inside = [(stamps[first] >= low) & (stamps[last] <= high) for low, high in within]
+        keep &= np.any(inside, axis=0)
     return first[keep], last[keep]
 
 
 def segment_errors(
-    estimated: Floats, true: Floats, first: Places, last: Places
+    estimated: Floats, true: Floats, first: Indexes, last: Indexes
 ) -> tuple[Floats, Floats]:
     """Position [m] and signed yaw errors [rad] of segments aligned at their starts.
 
-    Args:
-        estimated: (m, ..., 3) estimated poses.
-        true: (m, ..., 3) true poses at the same stamps.
-        first: (n,) indices of segment starts.
-        last: (n,) indices of segment ends.
+    Poses are (m, ..., 3); `first` and `last` (n,) are indices of segment starts and ends.
     """
     apart = relative(estimated[first], estimated[last]) - relative(true[first], true[last])
     return np.hypot(apart[..., 0], apart[..., 1]), np.asarray(wrap_angle(apart[..., 2]))
 
 
-def pieces(stamps: Stamps, largest_gap: float) -> Places:
+def pieces(stamps: Stamps, largest_gap: float) -> Indexes:
     """Index (n,) of the piece of each stamp [ns], between gaps over `largest_gap` [s]."""
     return np.concatenate([[0], np.cumsum(np.diff(stamps) * NANOSECOND > largest_gap)])
 
 
+def are_within(piece: Indexes, times: NDArray[Any], begins: Any, ends: Any) -> Flags:
+    """Mask (k,) of intervals within one piece, by pieces and times (n,) of stamps."""
+    first = np.clip(np.searchsorted(times, begins, side="right") - 1, 0, None)
+    last = np.minimum(np.searchsorted(times, ends), len(piece) - 1)
+    return np.asarray(piece[first] == piece[last])
+
+
 def even_grid(low: float, high: float, step: float, known: NDArray[Any]) -> NDArray[Any]:
-    """Evenly spaced times from `low` to below `high`, except in the middle of gaps.
+    """Evenly spaced times (m,) from `low` to below `high`, but not amid gaps.
 
-    Of a gap of more than `LONGEST_FILLED` only the times next to its ends are kept, so that a clock that
-    jumps does not fill the memory.
-
-    Args:
-        low: first time, in the unit of `known`.
-        high: end of the times.
-        step: distance between them.
-        known: (n,) ascending times that show the gaps, stamps [ns] or floats [s].
-
-    Returns:
-        (m,) ascending times of the type of `known`.
+    Of a gap of more than `LONGEST_FILLED` in the `known` times only the times next to its ends are kept,
+    so that a clock that jumps does not fill the memory. Times and step are stamps [ns] or floats [s].
     """
     unit = NANOSECOND if np.issubdtype(known.dtype, np.integer) else 1.0
     gaps = np.flatnonzero(np.diff(known) > LONGEST_FILLED / unit)
@@ -250,8 +232,8 @@ def even_grid(low: float, high: float, step: float, known: NDArray[Any]) -> NDAr
     begins = np.clip(np.append(known[:1], known[gaps + 1]), low, high)
     ends = np.clip(np.append(known[gaps], known[-1:]), low, high)
     begins[0], ends[-1] = low, high
-    firsts, lasts = ((one - low) // step for one in (begins, ends))
-    steps = [np.arange(a, b + 2) for a, b in zip(firsts.tolist(), lasts.tolist(), strict=True)]
+    firsts, lasts = ((begins - low) // step).tolist(), ((ends - low) // step).tolist()
+    steps = [np.arange(first, last + 2) for first, last in zip(firsts, lasts, strict=True)]
     times = low + step * np.unique(np.concatenate(steps))
     return np.asarray(times[times < high], dtype=known.dtype)
 
@@ -270,10 +252,9 @@ def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
 
 
 def _mean_velocity_errors(estimate: Trajectory, truth: PoseSeries) -> Floats:
-    """Errors (n, 3) of mean velocities over windows of `VELOCITY_WINDOW`.
+    """Errors (n, 3) of mean velocities over windows, in the axes of their starts.
 
-    A mean velocity is the displacement in the axes of the window's start over its length. The estimate's
-    is from its integrated twists, so that jumps at fixes do not count as velocity.
+    The estimate's is from its integrated twists, so that jumps at fixes do not count as velocity.
     """
     window_ns = int(VELOCITY_WINDOW / NANOSECOND)
     low = max(truth.stamps[0], estimate.stamps[0])
@@ -281,9 +262,7 @@ def _mean_velocity_errors(estimate: Trajectory, truth: PoseSeries) -> Floats:
     starts = even_grid(low, high - window_ns, window_ns // 2, truth.stamps)
     # Skip windows that touch a gap of the truth longer than half a window.
     piece = pieces(truth.stamps, 0.5 * VELOCITY_WINDOW)
-    first = np.searchsorted(truth.stamps, starts, side="right") - 1
-    last = np.minimum(np.searchsorted(truth.stamps, starts + window_ns), len(piece) - 1)
-    starts = starts[piece[first] == piece[last]]
+    starts = starts[are_within(piece, truth.stamps, starts, starts + window_ns)]
     estimated, true = (
         relative(interpolate_poses(poses, starts), interpolate_poses(poses, starts + window_ns))
         for poses in (_reckoned(estimate), truth)
@@ -323,7 +302,7 @@ def nees(errors: Floats, covariances: Floats) -> Floats:
     return np.asarray(x * x / pivot_x + y * y / pivot_y + z * z / pivot_z)
 
 
-def regular(covariances: Floats) -> NDArray[np.bool_]:
+def regular(covariances: Floats) -> Flags:
     """Mask (...) of matrices (..., 3, 3) with eigenvalues above `LEAST_EIGENVALUE`."""
     with np.errstate(all="ignore"):
         pivots, _ = _factors(covariances, LEAST_EIGENVALUE)

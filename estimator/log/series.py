@@ -31,10 +31,9 @@ class TrackSpeedSeries:
     def __post_init__(self) -> None:
         _check_shape("speeds", self.stamps, self.speeds, (2,))
         for name in ("left_wheels", "right_wheels"):
+            # Any number of wheels, but a row of them for each stamp.
             wheels = getattr(self, name)
-            if wheels is not None:
-                # Any number of wheels, but a row of them for each stamp.
-                _check_shape(name, self.stamps, wheels, np.shape(wheels)[1:2] or (1,))
+            _check_shape(name, self.stamps, wheels, np.shape(wheels)[1:2] or (1,))
         if (self.left_wheels is None) != (self.right_wheels is None):
             raise EstimatorError("left_wheels and right_wheels go together, found one of them")
 
@@ -59,8 +58,7 @@ class ImuSeries:
 
     def __post_init__(self) -> None:
         _check_shape("angular_velocity", self.stamps, self.angular_velocity, (3,))
-        if self.linear_acceleration is not None:
-            _check_shape("linear_acceleration", self.stamps, self.linear_acceleration, (3,))
+        _check_shape("linear_acceleration", self.stamps, self.linear_acceleration, (3,))
 
 
 @dataclass(frozen=True)
@@ -79,10 +77,8 @@ class PoseSeries:
 
     def __post_init__(self) -> None:
         _check_shape("poses", self.stamps, self.poses, (3,))
-        if self.spatial is not None:
-            _check_shape("spatial", self.stamps, self.spatial, (3,))
-        if self.travelled is not None:
-            _check_shape("travelled", self.stamps, self.travelled, ())
+        _check_shape("spatial", self.stamps, self.spatial, (3,))
+        _check_shape("travelled", self.stamps, self.travelled, ())
 
     @property
     def positions(self) -> Floats:
@@ -134,8 +130,7 @@ class FixSeries:
     def __post_init__(self) -> None:
         _check_shape("poses", self.stamps, self.poses, (3,))
         _check_shape("variances", self.stamps, self.variances, (2,))
-        if self.antennas is not None:
-            _check_shape("antennas", self.stamps, self.antennas, (2,))
+        _check_shape("antennas", self.stamps, self.antennas, (2,))
 
     @property
     def lever_arms(self) -> Floats:
@@ -175,16 +170,10 @@ class Truth:
 
 
 def running_integral(stamps: Stamps, values: NDArray[Any]) -> NDArray[Any]:
-    """Integrate samples, which change steadily in between, up to each of them.
+    """Integrate samples (n, ...), which change steadily in between, up to each one.
 
-    scipy's `cumulative_trapezoid` is the same, and takes 0.7 s to load.
-
-    Args:
-        stamps: (n,) their stamps [ns].
-        values: (n, ...) samples.
-
-    Returns:
-        Integrals (n, ...), in the samples' unit times seconds; zero at the first.
+    scipy's `cumulative_trapezoid` is the same, and takes 0.7 s to load. Stamps are in ns, integrals in
+    the samples' unit times seconds; zero at the first.
     """
     seconds = (np.diff(stamps) * NANOSECOND).reshape(-1, *[1] * (values.ndim - 1))
     steps = np.zeros(values.shape, np.result_type(values, float))
@@ -197,8 +186,10 @@ def require_part(name: str, value: object, kind: type, *, or_none: bool = False)
     require_kind(name, value, kind, or_none=or_none, shown=False)
 
 
-def _check_shape(name: str, stamps: Stamps, values: Floats, width: tuple[int, ...]) -> None:
-    """Reject arrays that are no series: stamps (n,) in order, values (n, *width)."""
+def _check_shape(name: str, stamps: Stamps, values: Floats | None, width: tuple[int, ...]) -> None:
+    """Reject arrays that are no series: ordered stamps (n,), values (n, *width), None."""
+    if values is None:
+        return
     for field, array in (("stamps", stamps), (name, values)):
         if not isinstance(array, np.ndarray):
             raise EstimatorError(

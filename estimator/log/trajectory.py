@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.log.series import PoseSeries
 
 
@@ -23,7 +22,7 @@ class Trajectory:
         spatial_sigmas: (n, 3) their standard deviations, or None.
     """
 
-    stamps: NDArray[np.int64]
+    stamps: Stamps
     poses: Floats
     pose_covariances: Floats
     twists: Floats

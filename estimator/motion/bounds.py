@@ -27,19 +27,11 @@ def index_bounds(gauge: float) -> Floats:
 
 
 def inside(x: Floats, P: Floats, bounds: Floats, fixed: Sequence[int]) -> Floats:
-    """Project the parameters of a state to their bounds.
+    """Project a state (n,) of covariance P to the bounds (k, 10) of its parameters.
 
-    The state moves along the covariance to the nearest point of the violated bound. The covariance stays,
-    which is conservative (Simon, Optimal State Estimation, section 7.5).
-
-    Args:
-        x: (n,) the state.
-        P: (n, n) its covariance.
-        bounds: (k, 10) bounds of the parameters.
-        fixed: states that stay.
-
-    Returns:
-        The state (n,); the same object if it is inside.
+    The state moves along the covariance to the nearest point of the violated bound, but `fixed` states
+    stay. The covariance stays, which is conservative (Simon, Optimal State Estimation, section 7.5). A
+    state inside the bounds is returned itself.
     """
     stays = list(fixed)
     for _ in range(BOUND_ROUNDS):

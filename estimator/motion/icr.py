@@ -75,9 +75,8 @@ def symmetry_coordinates(V_l: Number, V_r: Number, H: Number) -> tuple[Number, N
 
 def indices_from_icrs(icrs: Icrs, gauge: Number) -> IndexValues:
     """Indices from ICRs, equations (17) to (19); `gauge` is L [m]."""
-    return IndexValues(
-        icrs.y_ICR, 0.5 * (icrs.x_ICRr + icrs.x_ICRl), (icrs.x_ICRr - icrs.x_ICRl) / gauge
-    )
+    epsilon, eta = 0.5 * (icrs.x_ICRr + icrs.x_ICRl), (icrs.x_ICRr - icrs.x_ICRl) / gauge
+    return IndexValues(icrs.y_ICR, epsilon, eta)
 
 
 def icrs_from_indices(indices: IndexValues, gauge: Number) -> Icrs:

@@ -111,9 +111,8 @@ def _bisect(problem: _Problem) -> Number:
     high = 1.0 + 0.0 * problem.D
     # Double the interval from -high to high where it does not contain the zero.
     for _ in range(BISECTIONS):
-        is_outside = ((high - _evaluate(high, problem).g).real < 0.0) | (
-            (-high - _evaluate(-high, problem).g).real > 0.0
-        )
+        is_above = (high - _evaluate(high, problem).g).real < 0.0
+        is_outside = is_above | ((-high - _evaluate(-high, problem).g).real > 0.0)
         if not some(is_outside):
             break
         high = high * (1.0 + is_outside)
@@ -151,11 +150,8 @@ def _evaluate(u: Number, problem: _Problem) -> _Evaluation:
         sign_w = sign(w)
         g = mass * sign_w * w * speed
         scale = mass * sign_w * w * per_speed
-        g_twist = (
-            scale * right,
-            scale * forward,
-            mass * sign_w * speed + scale * (x_CM * forward - y_CM * right),
-        )
+        g_w = mass * sign_w * speed + scale * (x_CM * forward - y_CM * right)
+        g_twist = (scale * right, scale * forward, g_w)
     else:
         g = -mass * w * forward
         g_twist = (0.0, -mass * w, -mass * (forward + x_CM * w))

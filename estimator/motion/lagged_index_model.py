@@ -35,6 +35,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.motion.bounds import ETA0, index_bounds
 from icreckon.estimator.motion.icr import GRAVITY, IndexValues, Number, PaperTwist
 from icreckon.estimator.motion.motion_model import (
+    BodySlip,
     Gravity,
     Motion,
     TwistDerivatives,
@@ -87,17 +88,11 @@ class LaggedIndexMotion:
     ) -> None:
         """Begin a step, as in `MotionModel`."""
         keep = math.exp(-dt / self.vehicle.load_lag)
-        speeds = V_l, V_r
-        after = advanced(self._memory, keep, speeds, parameters, gravity, self.vehicle)
+        after = advanced(self._memory, keep, (V_l, V_r), parameters, gravity, self.vehicle)
         self._memory = np.array(after, dtype=float)
 
     def linearise(
-        self,
-        V_l: Number,
-        V_r: Number,
-        parameters: Any,
-        slip: tuple[Number, Number, Number],
-        gravity: Gravity,
+        self, V_l: Number, V_r: Number, parameters: Any, slip: BodySlip, gravity: Gravity
     ) -> tuple[Motion, TwistDerivatives]:
         """Motion and derivatives of its twist, as in `MotionModel`."""
         return linearise(V_l, V_r, parameters, slip, gravity, self.vehicle, self._memory)
@@ -111,7 +106,7 @@ def advanced(
     gravity: Gravity,
     vehicle: VehicleConstants,
 ) -> tuple[Number, Number, Number, Number]:
-    """Memory after a step at constant track speeds.
+    """Memory (MEMORY,) after a step at constant track speeds.
 
     Args:
         memory: (MEMORY,) the memory before it.
@@ -142,13 +137,10 @@ class Evaluation(NamedTuple):
     force: Number  # the same without the limit [N]
     Z_S: Number  # derivative of Z by S [-]
     P: Number  # force along the tracks times sign(D), as a share of the weight [-]
-    # derivatives of S by gravity to the right, of P by gravity forward
-    by_gravity: tuple[Number, Number]
-    # derivatives of P by the speeds of the left and the right track [s/m]
-    by_rolling: tuple[Number, Number]
+    by_gravity: tuple[Number, Number]  # derivatives of S by gravity to the right, of P forward
+    by_rolling: tuple[Number, Number]  # derivatives of P by the speeds of both tracks [s/m]
     eta_S: Number  # derivative of eta by S [1/N]
-    # 1 where zeta, epsilon and eta are within their limits, else 0
-    frees: tuple[Number, Number, Number]
+    frees: tuple[Number, Number, Number]  # 1 where zeta, epsilon, eta are within limits, else 0
 
 
 def evaluate(
@@ -175,9 +167,8 @@ def evaluate(
     eta_free = at_or_above(eta_sum, 1.0)
     eta = eta_free * eta_sum + (1.0 - eta_free)
     half = 0.5 * vehicle.gauge * eta
-    epsilon, epsilon_free = limited(
-        epsilon0 + epsilon1 * S + epsilon_F * sign_D * P, (1.0 - CLOSEST) * half
-    )
+    epsilon_sum = epsilon0 + epsilon1 * S + epsilon_F * sign_D * P
+    epsilon, epsilon_free = limited(epsilon_sum, (1.0 - CLOSEST) * half)
     zeta, zeta_free = limited(zeta0 - zeta1 * sign_D * S, 2.0 * half)
     w = D / (vehicle.gauge * eta)
     return Evaluation(
@@ -198,15 +189,12 @@ def linearise(
     V_l: Number,
     V_r: Number,
     parameters: Any,
-    slip: tuple[Number, Number, Number],
+    slip: BodySlip,
     gravity: Gravity,
     vehicle: VehicleConstants,
     memory: Any,
 ) -> tuple[Motion, TwistDerivatives]:
-    """Compute the motion and the derivatives of its twist; arguments as in `advanced`.
-
-    The lagged forces are inputs: derivatives by what they depend on are left out.
-    """
+    """Compute the motion and the derivatives of its twist; lagged forces are inputs."""
     at = evaluate(V_l, V_r, parameters, gravity, vehicle, memory)
     zeta1, epsilon1, epsilon_F = parameters[2], parameters[4], parameters[8]
     (zeta, epsilon, eta), (zeta_free, epsilon_free, eta_free) = at.indices, at.frees

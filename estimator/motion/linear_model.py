@@ -20,6 +20,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.state import PARAMETER_COUNT
 from icreckon.estimator.motion.icr import IndexValues, Number, PaperTwist
 from icreckon.estimator.motion.motion_model import (
+    BodySlip,
     Gravity,
     Motion,
     TwistDerivatives,
@@ -57,12 +58,7 @@ class LinearMotion(Unremembering):
         return float(steering_efficiency(parameters, self.vehicle))
 
     def linearise(
-        self,
-        V_l: Number,
-        V_r: Number,
-        parameters: Any,
-        slip: tuple[Number, Number, Number],
-        gravity: Gravity,
+        self, V_l: Number, V_r: Number, parameters: Any, slip: BodySlip, gravity: Gravity
     ) -> tuple[Motion, TwistDerivatives]:
         """Motion and derivatives of its twist, as in `MotionModel`."""
         return linearise(V_l, V_r, parameters, slip, gravity, self.vehicle)
@@ -84,7 +80,7 @@ def linearise(
     V_l: Number,
     V_r: Number,
     parameters: Any,
-    slip: tuple[Number, Number, Number],
+    slip: BodySlip,
     gravity: Gravity,  # noqa: ARG001 - all motion models have it
     vehicle: VehicleConstants,
 ) -> tuple[Motion, TwistDerivatives]:
@@ -94,26 +90,17 @@ def linearise(
     w = parameters[4] * V_l + parameters[5] * V_r
     zero = 0.0 * V_l
     per_w = sign(w) / at_least(abs(w.real), SLOWEST_TURN)
-    indices = IndexValues(
-        v_x * per_w,
-        (0.5 * (V_l + V_r) - v_y) * per_w,
-        steering_efficiency(parameters, vehicle) + 0.0 * is_zero(w),
-    )
+    eta = steering_efficiency(parameters, vehicle) + 0.0 * is_zero(w)
+    indices = IndexValues(v_x * per_w, (0.5 * (V_l + V_r) - v_y) * per_w, eta)
     unused = (zero, zero, zero)  # the model has six parameters of nine
-    return (
-        Motion(PaperTwist(v_x + slip[0], v_y + slip[1], w + slip[2]), indices, zero, zero),
-        TwistDerivatives(
-            (
-                (V_l, V_r, zero, zero, zero, zero, *unused),
-                (zero, zero, V_l, V_r, zero, zero, *unused),
-                (zero, zero, zero, zero, V_l, V_r, *unused),
-            ),
-            (
-                (parameters[0], parameters[1]),
-                (parameters[2], parameters[3]),
-                (parameters[4], parameters[5]),
-            ),
-            ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-            ((zero, zero), (zero, zero), (zero, zero)),
-        ),
+    by_parameters = (
+        (V_l, V_r, zero, zero, zero, zero, *unused),
+        (zero, zero, V_l, V_r, zero, zero, *unused),
+        (zero, zero, zero, zero, V_l, V_r, *unused),
     )
+    by_speeds = tuple((parameters[row], parameters[row + 1]) for row in (0, 2, 4))
+    by_slip = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    by_gravity = ((zero, zero), (zero, zero), (zero, zero))
+    twist = PaperTwist(v_x + slip[0], v_y + slip[1], w + slip[2])
+    derivatives = TwistDerivatives(by_parameters, by_speeds, by_slip, by_gravity)
+    return Motion(twist, indices, zero, zero), derivatives

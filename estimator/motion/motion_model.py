@@ -16,7 +16,9 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.motion.icr import IndexValues, Number, PaperTwist
 
-NO_SLIP: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
+# Residual of the twist: r_x, r_y [m/s], r_w [rad/s].
+BodySlip = tuple[Number, Number, Number]
+NO_SLIP: BodySlip = (0.0, 0.0, 0.0)
 # Acceleration of gravity along the ground, right and forward [m/s²].
 Gravity = tuple[Number, Number]
 LEVEL: Gravity = (0.0, 0.0)
@@ -57,8 +59,7 @@ class Motion(NamedTuple):
 class TwistDerivatives(NamedTuple):
     """Total derivatives of (v_x, v_y, w), three rows each, as tuples or arrays."""
 
-    # (3, 9) by the parameters, in the order of `icreckon.estimator.robot.robot_file.Indices`
-    by_parameters: Any
+    by_parameters: Any  # (3, 9) by the parameters, in the order of `robot_file.Indices`
     by_speeds: Any  # (3, 2) by V_l and V_r
     by_slip: Any  # (3, 3) by r_x, r_y and r_w
     # (3, 2) by gravity along the ground, right and forward
@@ -93,12 +94,7 @@ class MotionModel(Protocol):
         """Steering efficiency index [-] at parameters (9,), without the effect of inertia."""
 
     def linearise(
-        self,
-        V_l: Number,
-        V_r: Number,
-        parameters: Any,
-        slip: tuple[Number, Number, Number],
-        gravity: Gravity,
+        self, V_l: Number, V_r: Number, parameters: Any, slip: BodySlip, gravity: Gravity
     ) -> tuple[Motion, TwistDerivatives]:
         """Compute the motion and the total derivatives of its twist, without side effects.
 
@@ -116,14 +112,7 @@ class MotionModel(Protocol):
         """Memory (m,) of the model itself, which steps change in place."""
 
     def recall(self, memory: Floats) -> None:
-        """Restore a checkpoint.
-
-        Args:
-            memory: (m,) copy of `memory`, which the model keeps.
-
-        Raises:
-            ValueError: its length is not that of the model's memory.
-        """
+        """Restore a checkpoint, a copy (m,) of `memory`; `ValueError` for another length."""
 
     def begin_step(
         self, dt: float, V_l: float, V_r: float, parameters: Any, gravity: Gravity
@@ -158,9 +147,6 @@ class Unremembering:
         """Begin a step, as in `MotionModel`."""
 
 
-# Comparisons use the real part only, so that a complex step passes through.
-
-
 def sign(x: Number) -> Number:
     """Sign of the real part: -1, 0 or 1."""
     return 1.0 * (x.real > 0.0) - 1.0 * (x.real < 0.0)
@@ -186,7 +172,6 @@ class TwistModel(NamedTuple):
     """Body velocity at a state, with derivatives."""
 
     twist: Floats  # (3,) v_x, v_y [m/s], w [rad/s]
-    # (3, SIZE) its derivative by the state; that by the parameters is smoothed in time
-    jacobian: Floats
+    jacobian: Floats  # (3, SIZE) its derivative by the state, smoothed for parameters
     by_speeds: Floats  # (3, 2) its derivative by the speeds of the left and the right track
     motion: Motion  # the solved motion model, in the paper's axes

@@ -58,18 +58,11 @@ def roll_pitch(gravity: ArrayLike) -> Floats:
 
 
 def spatial_of(states: Floats, sigmas: Floats) -> tuple[Floats, Floats]:
-    """Height, roll and pitch (n, 3) [m, rad, rad] of states, and their sigmas.
-
-    Args:
-        states: (n, SIZE) the states.
-        sigmas: (n, SIZE) their standard deviations; those of roll and pitch are for small angles.
-    """
-    # Roll is by gravity to the left, pitch by that forward.
+    """Height, roll and pitch (n, 3) [m, rad, rad] of states (n, SIZE), and sigmas."""
+    # Roll is by gravity to the left, pitch by that forward; sigmas are for small angles.
     tilt_sigmas = sigmas[:, [s.GRAVITY_Y, s.GRAVITY_X]] / GRAVITY
-    return (
-        np.column_stack([states[:, s.Z], roll_pitch(states[:, s.GRAVITY])]),
-        np.column_stack([sigmas[:, s.Z], tilt_sigmas]),
-    )
+    spatial = np.column_stack([states[:, s.Z], roll_pitch(states[:, s.GRAVITY])])
+    return spatial, np.column_stack([sigmas[:, s.Z], tilt_sigmas])
 
 
 def pose3d_of(x: Floats, P: Floats) -> Pose3d:
@@ -87,14 +80,7 @@ def pose3d_of(x: Floats, P: Floats) -> Pose3d:
 
 
 def twist3d_of(twist: Floats, twist_P: Floats, tilt_rates: Floats, rates_P: Floats) -> Twist3d:
-    """Velocity of a planar twist, and of the rates of roll and pitch.
-
-    Args:
-        twist: (3,) v_x, v_y [m/s], w [rad/s].
-        twist_P: (3, 3) its covariance.
-        tilt_rates: (2,) rates about the axes forward and left [rad/s].
-        rates_P: (2, 2) their covariance.
-    """
+    """Velocity of a planar twist (3,), and of rates of roll and pitch (2,) [rad/s]."""
     # Rows: forward, left, up, and the rates about them.
     covariance, planar = np.zeros((6, 6)), [0, 1, 5]
     covariance[np.ix_(planar, planar)] = twist_P

@@ -77,11 +77,8 @@ def horizontal_projection(pitch_rate: float, gravity: Any) -> tuple[Any, float]:
     """Factors from a body velocity to its projection onto the horizontal.
 
     The heading is the direction of the body's projected x axis. The yaw rate is the kinematics of Euler
-    angles (Titterton and Weston, Strapdown Inertial Navigation Technology, section 3.6).
-
-    Args:
-        pitch_rate: angular rate of the body about its y axis [rad/s].
-        gravity: acceleration of gravity along the ground, forward and left [m/s²].
+    angles (Titterton and Weston, Strapdown Inertial Navigation Technology, section 3.6). The pitch rate
+    is in rad/s, gravity along the ground forward and left in m/s².
 
     Returns:
         Matrix (3, 3) from velocity forward, left and rate about the body's z axis to velocity along the
@@ -112,15 +109,9 @@ def turn_along_arc(angle: float, arc: Any) -> tuple[float, float]:
 
 
 def gauss_markov(dt: float, tau: float) -> GaussMarkov:
-    """Transition of a Gauss-Markov process of unit variance over a step.
-
-    Where differences of nearly equal numbers would be left, series in dt / tau take their place.
-
-    Args:
-        dt: length of the step [s].
-        tau: time constant of the process [s].
-    """
+    """Transition of a Gauss-Markov process of unit variance over a step [s]."""
     ratio = dt / tau
+    # Series in this ratio where differences of nearly equal numbers would be left.
     short, long = min(ratio, SHORT), max(ratio, SHORT)
     decay = math.exp(-ratio)
     lost = 1.0 - decay
@@ -132,8 +123,8 @@ def gauss_markov(dt: float, tau: float) -> GaussMarkov:
         integral = coefficient + short * integral
     is_short = ratio < SHORT
     mean = select(is_short, faded, lost / long)
-    integral = select(
-        is_short, short * short * short * integral, 2.0 * (long - 2.0 * lost) + lost * (2.0 - lost)
-    )
+    by_series = short * short * short * integral
+    exact = 2.0 * (long - 2.0 * lost) + lost * (2.0 - lost)
+    integral = select(is_short, by_series, exact)
     lost = mean * ratio
     return GaussMarkov(decay, mean, tau * tau * integral, tau * lost * lost, lost * (1.0 + decay))

@@ -52,21 +52,17 @@ class TrackRecord(msgspec.Struct):
     acceleration_right: float = 0.0  # averaged acceleration of the right track [m/s²]
     smooth_left: float = 0.0  # smoothed speed of the left track [m/s]
     smooth_right: float = 0.0  # smoothed speed of the right track [m/s]
-    # repetition record of the left track
+    # records of readings that repeat themselves, and of the wheels of each side
     repeating_left: Repeating = msgspec.field(default_factory=Repeating)
-    # repetition record of the right track
     repeating_right: Repeating = msgspec.field(default_factory=Repeating)
-    # record of the wheels of the left side
     left_wheels: WheelsRecord = msgspec.field(default_factory=WheelsRecord)
-    # record of the wheels of the right side
     right_wheels: WheelsRecord = msgspec.field(default_factory=WheelsRecord)
-    spin: SpinRecord = msgspec.field(default_factory=SpinRecord)  # record of a spinning track
-    # record of slides along the tracks
+    # records of a spinning track, of slides along the tracks, and of the gyro's faults
+    spin: SpinRecord = msgspec.field(default_factory=SpinRecord)
     forward: SlideRecord = msgspec.field(default_factory=SlideRecord)
-    gyro: GyroRecord = msgspec.field(default_factory=GyroRecord)  # record of the gyro's faults
+    gyro: GyroRecord = msgspec.field(default_factory=GyroRecord)
     stuck: Count = 0  # number of times that a track's sensor was found stuck
-    # time of the estimate from which distances are counted [ns], or NEVER
-    counted_from: Stamp = NEVER
+    counted_from: Stamp = NEVER  # estimate from which distances are counted [ns], or NEVER
     ahead_left: float = 0.0  # distance of the left track from then to the newest sample [m]
     ahead_right: float = 0.0  # distance of the right track [m]
     behind: float = 0.0  # distance before then that the newest sample adds, mean of both tracks [m]
@@ -129,9 +125,7 @@ def take_motion(
     force_y: float,
     settings: InputSettings,
 ) -> float:
-    """Add a sample of the IMU, which shows tracks that spin, and a robot that slides.
-
-    Tracks and IMU also show whether the gyro fails.
+    """Add an IMU sample, which shows spinning tracks, slides and faults of the gyro.
 
     Args:
         held: record of the track speeds, changed in place.
@@ -153,15 +147,11 @@ def take_motion(
     if width == 0.0:
         width = settings.track_width
     turning, turning_before = spin.right - spin.left, held.smooth_right - held.smooth_left
-    gyro_range, acceleration = settings.gyro_range, settings.yaw_acceleration
-    rate = watch_gyro(
-        held.gyro, stamp, rate, reading, turning, width, turning_before, gyro_range, acceleration
-    )
+    limits = settings.gyro_range, settings.yaw_acceleration
+    rate = watch_gyro(held.gyro, stamp, rate, reading, turning, width, turning_before, *limits)
     if rate != rate or stamp - held.stamp > settings.hold_ns:
         return rate
-    mean = 0.5 * (held.left + held.right)
-    watch_slide(held.forward, stamp, force_x, mean)
-    change_left, change_right = spin.left - held.smooth_left, spin.right - held.smooth_right
+    watch_slide(held.forward, stamp, force_x, 0.5 * (held.left + held.right))
     # A sensor that repeats itself while the other track changes, or both, may be stuck: that is no spin.
     repeating = held.repeating_left, held.repeating_right
     left_zero, right_zero = reads_zero(repeating[0]), reads_zero(repeating[1])
@@ -173,7 +163,7 @@ def take_motion(
         spin.stamp = stamp
         return rate
     zero_side = LEFT if left_zero else RIGHT if right_zero else UNKNOWN
-    changes = change_left, change_right
+    changes = spin.left - held.smooth_left, spin.right - held.smooth_right
     fastest, file_width = settings.fastest, settings.track_width
     watch_spin(spin, stamp, rate, force_y, *changes, fastest, zero_side, file_width)
     return rate

@@ -26,15 +26,11 @@ class ClockRecord(msgspec.Struct):
     """Clock of the samples of one sensor."""
 
     stamp: Stamp = NEVER  # stamp of the newest sample [ns], or NEVER
-    # newest interval between samples that was not longer than `hold` [s]
-    interval: Interval = USUAL_INTERVAL
+    interval: Interval = USUAL_INTERVAL  # newest interval up to `hold` [s]
 
 
 def take_stamp(clock: Clocked, stamp: int, hold: float) -> None:
-    """Add a sample at a stamp [ns]; an interval longer than `hold` [s] does not count.
-
-    The same sample once more changes nothing.
-    """
+    """Add a sample at a stamp [ns]; an interval longer than `hold` [s] does not count."""
     interval = (stamp - clock.stamp) * NANOSECOND
     if 0.0 < interval <= hold:
         clock.interval = interval
@@ -42,10 +38,7 @@ def take_stamp(clock: Clocked, stamp: int, hold: float) -> None:
 
 
 def is_alive(clock: Clocked, stamp: int, hold: float) -> bool:
-    """Return True if a sample is expected that covers the motion up to a stamp [ns].
-
-    A sensor without samples for longer than `hold` [s] has stopped.
-    """
+    """Return True if the newest sample is at most `hold` [s] older than a stamp [ns]."""
     return (stamp - clock.stamp) * NANOSECOND <= hold
 
 

@@ -87,13 +87,8 @@ def measure_noise(
 ) -> None:
     """Add an IMU sample: its readings, and with the last of a block the block's means.
 
-    Args:
-        noise: record, changed in place.
-        stamp: stamp of the sample [ns].
-        rate: yaw rate [rad/s], NaN if the gyro fails.
-        force_x: specific force forward [m/s²], NaN if there is none.
-        force_y: specific force to the left [m/s²], likewise.
-        hold: after a longer gap the differences start again [s].
+    The yaw rate [rad/s] and the forces forward and left [m/s²] are NaN if there is none. After a gap
+    longer than `hold` [s] the differences start again.
     """
     gyro, x, y = noise.gyro, noise.accelerometer_x, noise.accelerometer_y
     # A missing reading (NaN) repeats the last one, which is no noise.
@@ -132,10 +127,7 @@ def measure_noise(
 
 
 def next_interval(pace: Pace, stamp: int, hold: float) -> float:
-    """Add the stamp [ns] of a value; return the time since the one before [s].
-
-    It is zero after a gap: an interval longer than `hold` [s].
-    """
+    """Add a value's stamp [ns]; return the interval [s], 0 if longer than `hold`."""
     dt = (stamp - pace.stamp) * NANOSECOND
     pace.stamp = stamp
     if not 0.0 < dt <= hold:
@@ -149,11 +141,7 @@ def next_interval(pace: Pace, stamp: int, hold: float) -> float:
 
 
 def add_value(differences: Differences, value: float, run: int, dt: float, interval: float) -> None:
-    """Add a value of an axis to its differences.
-
-    It is the value number `run` since the newest gap, `dt` after the one before [s]; the averaged
-    interval between values is `interval` [s].
-    """
+    """Add value number `run` since a gap to an axis, `dt` after the one before [s]."""
     change = value - differences.newest
     difference = abs(change - differences.change)
     differences.newest, differences.change = value, change
@@ -176,14 +164,9 @@ def measured_noise(axis: AxisNoise) -> float:
 def assumed_noise(axis: AxisNoise, stated: float, factor: float, least: float) -> float:
     """Noise density of an axis that the filter assumes [unit²/Hz].
 
-    It is that of the robot file if the measured one agrees with it, and the measured one if that differs
-    clearly; it changes continuously between them.
-
-    Args:
-        axis: the axis, with its measured noise.
-        stated: noise density of the robot file [unit/√Hz].
-        factor: a measured noise that is larger by this factor counts.
-        least: least noise that counts, over that of the file; at 1 a smaller one does not.
+    It is that of the robot file, `stated` [unit/√Hz], if the measured one agrees with it, and the
+    measured one if that is larger by the factor, or clearly smaller; it changes continuously between
+    them. Noise below the share `least` of the file's does not count.
     """
     measured, density = measured_noise(axis), stated
     if measured > factor * stated:
@@ -211,10 +194,7 @@ def imu_noise(noise: NoiseRecord, at_rest: bool, settings: InputSettings) -> Imu
 
 
 def noise_of_step(noise: NoiseRecord, still: StandstillRecord, settings: InputSettings) -> ImuNoise:
-    """Noise of an IMU that a step assumes.
-
-    The accelerometers of a robot that is carried show nothing of the motion of its tracks.
-    """
+    """Noise of an IMU that a step assumes; a carried robot uses the gyro alone."""
     assumed = imu_noise(noise, tracks_rest(still), settings)
     if is_carried(still):
         return ImuNoise(assumed.gyro, CARRIED_FORCE, CARRIED_FORCE)

@@ -2,8 +2,7 @@
 
 A robot turns about the normal of the ground. The gyros of an IMU that leans by small angles read a share
 of that turning as rates of roll and pitch: a regression by the yaw rate, with the biases as intercepts.
-
-The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+Functions are plain Python, also for numba.
 """
 
 from typing import NamedTuple
@@ -39,13 +38,10 @@ class Tilt(NamedTuple):
 
 
 def add_rates(sums: TiltRecord, interval: float, yaw: float, roll: float, pitch: float) -> float:
-    """Add yaw, roll and pitch rates by the gyros [rad/s] to a record; NaN if unknown.
+    """Add yaw, roll and pitch rates over an interval [s] by the gyros, NaN if unknown.
 
-    They are means over the interval [s] since the readings before.
-
-    Returns:
-        Error density of the angles of roll and pitch [rad²/s]. Half the square of the change between
-        readings is the variance of white noise, and an outlier adds the square of its angle.
+    Returns the error density of roll and pitch [rad²/s]. Half the square of the change between readings
+    is the variance of white noise, and an outlier adds the square of its angle.
     """
     if yaw != yaw or roll != roll:
         return 0.0

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.motion.icr import GRAVITY
-from icreckon.estimator.robot.robot_file import Robot, Vehicle
+from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 
 MOST_FRICTION = 2.0  # coefficient of friction beyond that of any tyre, bumps included [-]
@@ -22,8 +22,7 @@ class InputSettings(NamedTuple):
     hold_ns: int  # `hold` in whole nanoseconds
     gap_acceleration: float  # random walk of speeds that are stale or stuck [m/s/√s]
     fastest: float  # highest speed of a track [m/s]
-    # density of the error of a track's speed, from the noise of its sensor [m²/s]
-    track_density: float
+    track_density: float  # error density of a track's speed by the noise of its sensor [m²/s]
     track_speed: float  # slower tracks are stopped [m/s]
     duration_ns: int  # duration of a standstill before it is detected [ns]
     quiet_gyro: float  # largest distance of quiet yaw-rate readings from their mean [rad/s]
@@ -32,8 +31,7 @@ class InputSettings(NamedTuple):
     gyro_range: float  # range of the gyro; 0 if unknown [rad/s]
     gyro_bias: float  # its bias at the start [rad/s]
     most_bias: float  # no bias is further from that [rad/s]
-    # change of the bias between standstills that needs no other explanation [rad/s]
-    usual_change: float
+    usual_change: float  # usual change of the bias between standstills [rad/s]
     gyro_noise_density: float  # noise density of the gyro in the robot file [rad/s/√Hz]
     accelerometer_noise_density: float  # that of the accelerometers [m/s²/√Hz]
     undetected_share: float  # slip of both tracks that nothing shows, as a share of their speed [-]
@@ -42,18 +40,21 @@ class InputSettings(NamedTuple):
 
 def input_settings(robot: Robot, settings: Settings) -> InputSettings:
     """Settings of a robot's filter."""
-    standstill = settings.standstill
+    standstill, vehicle = settings.standstill, robot.vehicle
+    # Both tracks pull with all friction, to opposite sides, on a plate as large as the contact's outline.
+    width, length = vehicle.track_gauge, 2.0 * vehicle.half_contact_length
+    yaw_acceleration = MOST_FRICTION * GRAVITY * 6.0 * width / (width * width + length * length)
     return InputSettings(
         float(settings.hold),
         int(settings.hold / NANOSECOND),
         float(settings.gap_acceleration),
-        float(robot.vehicle.max_track_speed),
+        float(vehicle.max_track_speed),
         float(robot.tracks.speed_noise_density**2),
         float(standstill.track_speed),
         int(standstill.duration * 1e9),
         float(standstill.quiet_gyro),
-        float(robot.vehicle.track_gauge * robot.indices.eta0),
-        _yaw_acceleration(robot.vehicle),
+        float(width * robot.indices.eta0),
+        float(yaw_acceleration),
         float(robot.imu.gyro_range),
         float(robot.imu.gyro_bias),
         float(max(LEAST_BIAS_RANGE, BIAS_SIGMAS * robot.imu.gyro_bias_sigma)),
@@ -63,12 +64,3 @@ def input_settings(robot: Robot, settings: Settings) -> InputSettings:
         float(robot.undetected_slip.share),
         float(robot.undetected_slip.time),
     )
-
-
-def _yaw_acceleration(vehicle: Vehicle) -> float:
-    """Angular acceleration beyond what friction can give a vehicle [rad/s²].
-
-    Both tracks pull with all friction, to opposite sides, on a plate as large as the contact's outline.
-    """
-    width, length = vehicle.track_gauge, 2.0 * vehicle.half_contact_length
-    return float(MOST_FRICTION * GRAVITY * 6.0 * width / (width * width + length * length))

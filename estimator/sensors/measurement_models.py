@@ -44,14 +44,11 @@ Quantity = Literal["pose", "twist", "height"]
 
 
 def imu_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
-    """States that the IMU does not move.
+    """States that the IMU does not move, except parameters that it is `taught`.
 
     They are the pose, the scales of tracks and gyro, and most parameters. It sees them only through other
     errors of the motion, and would attribute these to them: against tracks that slip in gentle bends the
     scale of a healthy gyro went 6 % wrong. Fixes and body velocities measure them.
-
-    Args:
-        taught: places of the parameters that it moves, see `MotionModel.taught_by_imu`.
     """
     moved = (s.PARAMETERS.start + place for place in taught)
     parameters = set(range(s.PARAMETERS.start, s.PARAMETERS.stop)).difference(moved)
@@ -59,12 +56,12 @@ def imu_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def gyro_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
-    """States that neither the gyro nor a standstill moves.
+    """States that neither the gyro nor a standstill moves; argument as in `imu_fixed`.
 
     They are those of `imu_fixed`, gravity along the ground, and the biases of the accelerometers and of
     the rates of roll and pitch, which are known together with it. Gyro and standstill see a slope only
     through the slip that the model gives it. Without accelerometers all errors of the model would be
-    taken for slopes. The argument is that of `imu_fixed`.
+    taken for slopes.
     """
     biases = range(s.ACCELEROMETER_BIASES.start, s.GYRO_BIAS_Y + 1)
     return (*imu_fixed(taught), *biases, s.GRAVITY_X, s.GRAVITY_Y)
@@ -82,14 +79,10 @@ class MeasurementModel:
     """Properties of a sensor that its updates depend on."""
 
     name: str  # name of the sensor in health, checkpoints and the order of streams
-    # names of the components of its innovation; their number is the gate's degrees of freedom
-    components: tuple[str, ...]
-    # states whose variance is inflated in re-acquisition, one for each component
-    inflated: tuple[int, ...]
-    # inflate each state by the joint square of the innovation, not by that of its own component
-    inflated_jointly: ClassVar[bool] = False
-    # states that updates do not move; the covariance takes that into account
-    fixed: tuple[int, ...] = ()
+    components: tuple[str, ...]  # names of the components of its innovation
+    inflated: tuple[int, ...]  # states inflated in re-acquisition, one for each component
+    inflated_jointly: ClassVar[bool] = False  # by the joint square of all components
+    fixed: tuple[int, ...] = ()  # states that updates do not move
     is_place: ClassVar[bool] = False  # the first two components are a position [m]
     # updates use the correlations of R. If not, only the gate does
     correlated: ClassVar[bool] = True
@@ -98,17 +91,11 @@ class MeasurementModel:
 class FixModel(MeasurementModel, Generic[M]):
     """Sensor that measures the pose or the twist, apart from tracks and IMU."""
 
-    # predicted quantity that `linearise` takes; the height is that of the newest step
-    predicts: ClassVar[Quantity]
+    predicts: ClassVar[Quantity]  # predicted quantity that `linearise` takes
     standing: ClassVar[bool] = False  # the robot stands while it is measured
 
     def linearise(self, measurement: M, predicted: Prediction) -> Linearised:
-        """Compare a measurement with its prediction.
-
-        Args:
-            measurement: the measurement.
-            predicted: pose or twist at its stamp, as `predicts` names it.
-        """
+        """Compare a measurement with its prediction, a pose, twist or height."""
         raise NotImplementedError
 
 
@@ -150,9 +137,8 @@ class Height(FixModel[HeightFix]):
 
     def linearise(self, measurement: HeightFix, predicted: Prediction) -> Linearised:
         """Compare the height with the predicted one."""
-        return Linearised(
-            measurement.z - predicted.values, predicted.H, predicted.R + measurement.variance
-        )
+        R = predicted.R + measurement.variance
+        return Linearised(measurement.z - predicted.values, predicted.H, R)
 
 
 class BodyTwist(FixModel[BodyVelocity]):

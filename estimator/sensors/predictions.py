@@ -24,8 +24,7 @@ class Prediction(NamedTuple):
 
     values: Floats  # (n,) x, y [m], yaw [rad], or v_x, v_y [m/s], w [rad/s], or z [m]
     H: Floats  # (n, SIZE) Jacobian by the present state
-    # (n, n) covariance of the part that the state does not hold: the fast slip until then
-    R: Floats
+    R: Floats  # (n, n) covariance of the fast slip until then, which the state does not hold
 
 
 def pose_now(x: Floats) -> Prediction:
@@ -41,13 +40,9 @@ def height_now(x: Floats) -> Prediction:
 
 
 def pose_ahead(x: Floats, model: TwistModel, density: Floats, elapsed: float) -> Prediction:
-    """Predict the pose after the newest step.
+    """Predict the pose of a state (SIZE,) and its twist, `elapsed` after the step [s].
 
-    Args:
-        x: (SIZE,) the state.
-        model: the twist at `x`.
-        density: (3, 3) density of the fast slip, see `icreckon.estimator.filter.process_noise`.
-        elapsed: time since the newest step [s].
+    The density (3, 3) of the fast slip is by `icreckon.estimator.filter.process_noise`.
     """
     twist, jacobian = _without_fast_slip(x, model)
     step, by_yaw, rows = step_on_se2(x.item(s.YAW), (twist * elapsed).tolist())
@@ -59,10 +54,7 @@ def pose_ahead(x: Floats, model: TwistModel, density: Floats, elapsed: float) ->
 
 
 def point_on_robot(pose: Prediction, forward: float, left: float) -> Prediction:
-    """Position of a point of the robot, with the yaw, by a predicted pose.
-
-    The point is at `forward` and `left` in base_link [m].
-    """
+    """Position of a point of the robot, at forward and left [m], by a predicted pose."""
     if forward == 0.0 == left:
         return pose
     from_base = rotate(np.array([forward, left]), pose.values.item(2))
@@ -79,14 +71,7 @@ def twist_now(model: TwistModel) -> Prediction:
 
 
 def twist_ahead(x: Floats, model: TwistModel, density: Floats, interval: float) -> Prediction:
-    """Predict the twist of the next step.
-
-    Args:
-        x: (SIZE,) the state.
-        model: the twist at `x`.
-        density: (3, 3) density of the fast slip, see `icreckon.estimator.filter.process_noise`.
-        interval: expected length of the next step [s].
-    """
+    """Predict the twist of the next step, of an expected length [s], as `pose_ahead`."""
     return Prediction(*_without_fast_slip(x, model), density / interval)
 
 

@@ -31,8 +31,7 @@ class Forecast(NamedTuple):
 class TrackChange(NamedTuple):
     """Change of the track speeds, an input of IMU predictions."""
 
-    # averaged acceleration of the left and the right track [m/s²]
-    acceleration: tuple[float, float]
+    acceleration: tuple[float, float]  # averaged, of the left and the right track [m/s²]
     window: float  # averaging time of the acceleration [s]
     speed_variance: float  # variance of each track's speed, from its sensor's noise [m²/s²]
     age: float  # age of the track speeds, from the middle of their averaging interval [s]
@@ -41,11 +40,8 @@ class TrackChange(NamedTuple):
 class SensorModels:
     """Mounting of one robot's IMU.
 
-    Args:
-        robot: the robot.
-
     Attributes:
-        imu_position: position of its IMU in base_link, forward and left [m].
+        imu_position: position of the IMU in base_link, forward and left [m].
         mounting: (6, 3) rates of base_link by the gyros: yaw, roll and pitch, these NaN with a gyro of
             one axis or on level ground; the reading of the gyro that shows most of the yaw; specific
             force forward and left by the accelerometers.
@@ -79,11 +75,8 @@ class SensorModels:
 def gyro_variance(density: float, interval: float, by_turning: Any, change: TrackChange) -> float:
     """Variance of a gyro reading about the yaw rate of the motion model [rad²/s²].
 
-    Args:
-        density: noise density of the gyro [rad²/s].
-        interval: time between samples [s].
-        by_turning: (2,) derivative of the yaw rate by the track speeds.
-        change: change of the track speeds.
+    The gyro has a noise density [rad²/s] and an interval [s]; `by_turning` (2,) is the derivative of the
+    yaw rate by the track speeds.
     """
     # The newest track speeds are averages of the time before, so they are late.
     late = _along(by_turning, change.acceleration) * change.age
@@ -128,22 +121,18 @@ def accelerometer_forecast(
     late = (ACCELERATION_DOUBT * ACCELERATION_DOUBT) * (dv * dv + turning * turning)
     by_left, by_right = by_axis[0] + lever * by_turning[0], by_axis[1] + lever * by_turning[1]
     noise = change.speed_variance * (by_left * by_left + by_right * by_right)
-    return Forecast(
-        dv + side * w * across + turning - w * w * along,
-        side * w,
-        side * across - 2.0 * w * along,
-        white + late + noise / (change.window * change.window),
-    )
+    predicted, by_across = dv + side * w * across + turning - w * w * along, side * w
+    by_w = side * across - 2.0 * w * along
+    variance = white + late + noise / (change.window * change.window)
+    return Forecast(predicted, by_across, by_w, variance)
 
 
 def shift(row: Floats, x: Floats, since: Floats) -> float:
-    """Shift of a prediction of Jacobian `row` (SIZE,) from the state `since` to `x`.
-
-    It is summed in order, so that all callers agree to the last bit, numba too.
-    """
+    """Change of a prediction by its Jacobian `row` (SIZE,) from state `since` to `x`."""
+    # Summed in order, so that all callers agree to the last bit, numba too.
     shifted = 0.0
-    for part in row * (x - since):
-        shifted += part
+    for term in row * (x - since):
+        shifted += term
     return float(shifted)
 
 

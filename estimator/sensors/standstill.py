@@ -42,9 +42,7 @@ class StandstillRecord(msgspec.Struct):
     quiet_at: Stamp = NEVER  # stamp of the newest reading at which the robot stood [ns], or NEVER
     quiet_mean: float = 0.0  # mean of the readings then [rad/s]
     mean_before: float = 0.0  # the same at the end of the rest before [rad/s]
-    changed_at: Stamp = (
-        NEVER  # stamp since which the mean differs from `mean_before` [ns], or NEVER
-    )
+    changed_at: Stamp = NEVER  # stamp since which it differs from `mean_before` [ns], or NEVER
     rest_time: float = 0.0  # time at rest before the newest quiet reading [s]
     drive_time: float = 0.0  # time of driving since the last standstill [s]; 0 without one
 
@@ -59,10 +57,7 @@ class QuietMemory(NamedTuple):
 def stopped_after(
     still: StandstillRecord, stamp: int, left: float, right: float, track_speed: float
 ) -> None:
-    """Add speeds of both tracks [m/s] at a stamp [ns] to a record.
-
-    Tracks slower than `track_speed` [m/s] are stopped.
-    """
+    """Add speeds of both tracks [m/s] at a stamp [ns]; below `track_speed` they rest."""
     if abs(left) >= track_speed or abs(right) >= track_speed:
         if still.stopped_since != NEVER:
             still.stopped_since = still.changed_at = NEVER
@@ -89,21 +84,16 @@ def quiet_mean(
 ) -> float:
     """Add a yaw-rate reading; return the mean of quiet readings at standstill.
 
+    It is NaN if the tracks move, readings have not been quiet for long enough, or their mean is no bias.
+
     Args:
         still: record, changed in place.
         stamps: buffer for stamps of readings [ns], as long as the readings of `duration_ns` and three.
-        rates: buffer of the same length for readings [rad/s].
+        rates: buffer of the same length for readings [rad/s]; `ValueError` if either is too short.
         stamp: stamp of the reading [ns].
         rate: the reading [rad/s], NaN if the gyro fails.
         noise: measured noise density of the gyro [rad/s/√Hz].
         settings: settings of the filter.
-
-    Returns:
-        The mean [rad/s]; NaN if the tracks move, readings have not been quiet for long enough, or their
-        mean is no bias.
-
-    Raises:
-        ValueError: the buffers are too short.
     """
     if still.stopped_since == NEVER or rate != rate:
         return math.nan
@@ -176,10 +166,7 @@ def add_quiet(still: StandstillRecord, stamp: int, mean: float, usual_change: fl
 
 
 def add_restless(still: StandstillRecord, stamp: int) -> None:
-    """Add a stamp [ns] at which the robot turns or is shaken with its tracks at rest.
-
-    After `ROCKING_TIME` of them the robot is carried.
-    """
+    """Add a stamp [ns] of unrest with resting tracks; a robot is carried if it lasts."""
     if still.restless_since == NEVER:
         still.restless_since = stamp
     if not is_carried(still) and (stamp - still.restless_since) * NANOSECOND > ROCKING_TIME:
@@ -198,24 +185,17 @@ def is_carried(still: StandstillRecord) -> bool:
 
 
 def carried_density(still: StandstillRecord, start: int, end: int) -> float:
-    """Error density of a carried robot's velocity over a step [m²/s].
-
-    The step lasts from start to end [ns]. With its tracks at rest the robot does not stand, and nothing
-    shows where it goes: the distance is off by `CARRIED_SPEED` times the duration, at one standard
-    deviation.
-    """
+    """Error density of a carried robot's velocity over a step [ns] [m²/s]."""
     since = still.restless_since
     if not is_carried(still):
         return 0.0
+    # The distance is off by the speed times its duration, at one standard deviation.
     age = max(0.0, 0.5 * (start - since + end - since) * NANOSECOND)
     return 2.0 * CARRIED_SPEED * CARRIED_SPEED * age
 
 
 def turn_density(still: StandstillRecord, start: int, end: int) -> float:
-    """Error density of the yaw over a step from start to end [ns] [rad²/s].
-
-    A robot whose quiet mean has changed may turn while it rests.
-    """
+    """Error density of the yaw in a step [ns] if the quiet mean has changed [rad²/s]."""
     if still.changed_at == NEVER:
         return 0.0
     rate, since = SLOW_TURN * (still.quiet_mean - still.mean_before), still.changed_at
@@ -234,13 +214,7 @@ def bias_change(change: Any, variance: Any, rest_time: Any, drive_time: Any) -> 
     """Variances to add to bias and yaw; 0 if noise explains the change of the bias.
 
     At rest all turning was that of the bias. While driving it may have changed at any time since the
-    robot last stood.
-
-    Args:
-        change: mean of the quiet readings less the estimated bias [rad/s].
-        variance: variance of that difference [rad²/s²].
-        rest_time: time at rest since the robot last stood [s].
-        drive_time: time of driving since then [s].
+    robot last stood. The change of the quiet mean [rad/s] has a variance; times are since then [s].
     """
     square = max(0.0, change * change - SIGMAS_OF_MEAN * SIGMAS_OF_MEAN * variance)
     of_rest = (1.0 + SLOW_TURN * SLOW_TURN) * (rest_time * rest_time)
@@ -254,12 +228,7 @@ def is_full(still: StandstillRecord, stamps: Stamps) -> bool:
 
 
 class QuietReadings:
-    """Buffers for the yaw-rate readings of one streaming filter.
-
-    Attributes:
-        stamps: stamps of the readings [ns].
-        rates: the readings [rad/s].
-    """
+    """Buffers for yaw-rate readings [rad/s] of a filter, and their stamps [ns]."""
 
     def __init__(self) -> None:
         self.stamps: Stamps = np.zeros(ROOM, np.int64)

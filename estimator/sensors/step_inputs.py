@@ -27,16 +27,13 @@ class StepInputs(NamedTuple):
     left: float  # mean speed of the left track over the step [m/s]
     right: float  # mean speed of the right track over the step [m/s]
     speed_decay: float  # mean factor by which stale speeds have decayed over the step
-    # speed at which both make up for distance that was missing before the step [m/s]
-    missing: float
+    missing: float  # speed at which both make up for distance missing before the step [m/s]
     left_density: float  # error density of the left track's speed [m²/s]
     right_density: float  # error density of the right track's speed [m²/s]
     gap_density: float  # error density of stale speeds [m²/s]
-    # error density of the forward speed, while the robot slides forward or is carried, and of slip that
-    # nothing shows [m²/s]
+    # error density of the forward speed by a slide, by slip that nothing shows, and if carried [m²/s]
     slide_x_density: float
-    # error density of the speed to the left, while the robot is carried [m²/s]
-    slide_y_density: float
+    slide_y_density: float  # error density of the speed to the left of a carried robot [m²/s]
     turn_density: float  # error density of the yaw of a robot that may turn while it rests [rad²/s]
     acceleration_left: float  # averaged acceleration of the left track [m/s²]
     acceleration_right: float  # averaged acceleration of the right track [m/s²]
@@ -44,9 +41,7 @@ class StepInputs(NamedTuple):
     speed_variance: float  # variance of each track's speed, from its sensor's noise [m²/s²]
     age: float  # age of the speeds at the start, from the middle of their interval [s]
     slow: float  # 1 if both tracks are slow enough for a standstill, else 0
-    # 1 if the motion of the step is unknown, else 0: the speed of a track is stale or from a stuck
-    # sensor
-    unknown: float
+    unknown: float  # 1 if the speed of a track is stale or from a stuck sensor, else 0
     rest_time: float  # time at rest since the robot last stood, at the newest quiet reading [s]
     drive_time: float  # time of driving since then [s]; 0 if it never stood
 

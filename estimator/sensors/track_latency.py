@@ -32,8 +32,6 @@ LARGEST_HOLE = 500_000_000  # gap between samples at which the windows start aga
 LEAST_CORRELATION = 0.7  # smallest correlation of tracks and gyro at which there is an estimate [-]
 CAPACITY = 16_384  # number of samples that are kept to integrate over the windows: 16 s at 1000 Hz
 NO_HOLE = 2**62  # stamp later than all others [ns]
-
-
 ROOM = 64  # number of samples of a rate that a filter keeps until the watch takes them
 Buffer = Annotated[list[float], msgspec.Meta(min_length=ROOM, max_length=ROOM)]
 
@@ -67,7 +65,7 @@ class RateMemory(msgspec.Struct, frozen=True):
     def __post_init__(self) -> None:
         if len(self.rates) != len(self.stamps):
             raise ValueError("samples of a rate need a stamp each")
-        steps = [other - one for one, other in pairwise(self.stamps)]
+        steps = [later - earlier for earlier, later in pairwise(self.stamps)]
         if steps and not 0 < min(steps) <= max(steps) <= LARGEST_HOLE:
             raise ValueError("the stamps of a rate must rise, without holes")
 
@@ -95,21 +93,14 @@ class TrackLatencyMemory(msgspec.Struct, frozen=True):
 
 
 class _Rate:
-    """Samples of a rate, over the last seconds; each is the mean since the one before.
-
-    Attributes:
-        stamps: (n,) stamps of the samples [ns].
-    """
+    """Samples of a rate, over the last seconds; each is the mean since the one before."""
 
     def __init__(self) -> None:
-        self.stamps: Stamps = np.zeros(0, np.int64)
+        self.stamps: Stamps = np.zeros(0, np.int64)  # (n,) stamps of the samples [ns]
         self._rates: Floats = np.zeros(0)
 
     def first_after_hole(self, stamps: Stamps) -> int:
-        """First of some later stamps [ns] that comes after a hole; `NO_HOLE` for none.
-
-        A clock that was set back before them is a hole, too.
-        """
+        """First of some later stamps [ns] after a hole or a clock set back, or `NO_HOLE`."""
         all_stamps = np.concatenate([self.stamps[-1:], stamps])
         steps = np.diff(all_stamps)
         are_holes = steps > LARGEST_HOLE
@@ -149,11 +140,7 @@ class _Rate:
 
 
 class TrackLatencyEstimator:
-    """Estimator of the latency of track speeds.
-
-    Attributes:
-        completed: number of blocks that were completed; the estimate changes with it.
-    """
+    """Estimator of the latency of track speeds, from completed blocks of turning."""
 
     def __init__(self) -> None:
         self._origin = NEVER
@@ -167,15 +154,10 @@ class TrackLatencyEstimator:
     def take(
         self, track_stamps: Stamps, turning: Floats, gyro_stamps: Stamps, rates: Floats
     ) -> None:
-        """Add later samples, and use the windows that they complete.
+        """Add later samples, at raw stamps [ns], and use the windows that they complete.
 
-        It costs less with many samples at once.
-
-        Args:
-            track_stamps: (n,) raw stamps of the track speeds [ns].
-            turning: (n,) speed of the right track less that of the left [m/s], in any scale.
-            gyro_stamps: (m,) raw stamps of the gyro [ns].
-            rates: (m,) its yaw rates, with the bias [rad/s].
+        Tracks (n,) have the difference right less left [m/s], in any scale; the gyro (m,) yaw rates with
+        the bias [rad/s]. Many samples at once cost less.
         """
         hole = NEVER
         # Add the samples up to each hole in either series; windows start again after it.
@@ -194,31 +176,23 @@ class TrackLatencyEstimator:
     def estimate(self) -> Lag | None:
         """Estimate the lag behind the gyro; None while it is not observable."""
         completed, lag = self._newest_estimate
-        if completed != self.completed:
-            lag = self._estimate()
-            self._newest_estimate = self.completed, lag
+        if completed == self.completed:
+            return lag
+        lag = None
+        if len(self._blocks) >= FEWEST_BLOCKS:
+            # By all blocks, and by all but one, for the jackknife error.
+            total = np.sum(self._blocks, axis=0)
+            best, *without = _best(np.stack([total, *(total - self._blocks)])).tolist()
+            sigma = float(jackknife_sigma(np.array(without)))
+            lag = None if math.isnan(best + sigma) else Lag(best, sigma)
+        self._newest_estimate = self.completed, lag
         return lag
-
-    def _estimate(self) -> Lag | None:
-        """Estimate by all blocks, with the jackknife error of leaving out one at a time."""
-        if len(self._blocks) < FEWEST_BLOCKS:
-            return None
-        total = np.sum(self._blocks, axis=0)
-        best, *without = _best(np.stack([total, *(total - self._blocks)])).tolist()
-        sigma = float(jackknife_sigma(np.array(without)))
-        return None if math.isnan(best + sigma) else Lag(best, sigma)
 
     def memory(self) -> TrackLatencyMemory:
         """Checkpoint of the estimator."""
-        return TrackLatencyMemory(
-            self._origin,
-            np.array(self._blocks),
-            self._open.copy(),
-            self._turned,
-            self._next,
-            self._gyro.memory(),
-            self._tracks.memory(),
-        )
+        blocks, rates = np.array(self._blocks), (self._gyro.memory(), self._tracks.memory())
+        in_progress = self._open.copy(), self._turned, self._next
+        return TrackLatencyMemory(self._origin, blocks, *in_progress, *rates)
 
     def recall(self, memory: TrackLatencyMemory) -> None:
         """Restore a checkpoint."""
@@ -284,10 +258,7 @@ class TrackLatencyEstimator:
 
 
 def _best(sums: Floats) -> Floats:
-    """Shifts (n,) of the smallest misfit [s], of sums (n, 6, m).
-
-    They are refined by a parabola, and NaN where they are not observable.
-    """
+    """Shifts (n,) of the smallest misfit [s] by sums (n, 6, m); NaN if not observable."""
     n, x, y, xx, xy, yy = np.moveaxis(sums, 1, 0)
     variance = yy - y * y / n
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -297,10 +268,6 @@ def _best(sums: Floats) -> Floats:
         rows = np.arange(len(sums))
         explained = 1.0 - misfit[rows, inner_shift] / variance[rows, inner_shift]
         refined = SHIFTS[inner_shift] + beside_lowest(misfit, inner_shift) * (GRID * NANOSECOND)
-    is_known = (
-        np.isfinite(misfit).all(axis=1)
-        & (best_shift == inner_shift)
-        & (variance[rows, inner_shift] > 0.0)
-    )
-    is_known &= explained >= LEAST_CORRELATION**2
+    is_known = np.isfinite(misfit).all(axis=1) & (best_shift == inner_shift)
+    is_known &= (variance[rows, inner_shift] > 0.0) & (explained >= LEAST_CORRELATION**2)
     return np.where(is_known, refined, np.nan)

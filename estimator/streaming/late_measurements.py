@@ -31,8 +31,7 @@ class HistoryCheckpoint(msgspec.Struct, frozen=True, rename={"checkpoint": "memo
 
     after: Key  # key of the last measurement before the history
     checkpoint: FilterCheckpoint  # checkpoint of the filter after it
-    # later measurements and marks in order; a row each, see `event_row`
-    measurements: tuple[tuple[Any, ...], ...]
+    measurements: tuple[tuple[Any, ...], ...]  # later ones in order, see `event_row`
 
 
 class KeyedCheckpoint(NamedTuple):
@@ -71,11 +70,7 @@ class History:
         return HistoryCheckpoint(after, oldest.plain(), tuple(map(event_row, self._events)))
 
     def restore(self, checkpoint: HistoryCheckpoint) -> None:
-        """Restore a checkpoint; the filter's own of the same time must be restored before.
-
-        Raises:
-            EstimatorError: a row is no measurement, or they are not in order.
-        """
+        """Restore a checkpoint after the filter's own; `EstimatorError` for invalid rows."""
         events = [event_of(row) for row in checkpoint.measurements]
         keys = [key_of(event) for event in events]
         if any(key >= next_key for key, next_key in pairwise([checkpoint.after, *keys])):
@@ -118,11 +113,7 @@ class History:
         return self._keys[-1] if self._keys else self._checkpoints[0].after
 
     def append(self, key: Key, event: Event) -> bool:
-        """Update the filter with the newest event; return True if it was used.
-
-        Raises:
-            EstimatorError: stamps are too close to each other to be nanoseconds.
-        """
+        """Update the filter with the newest event; return True if it was used."""
         self._keys.append(key)
         self._events.append(event)
         used = self._reckoning.take(event)

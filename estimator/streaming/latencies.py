@@ -7,7 +7,6 @@ of the track speeds is watched while driving, and estimated where none is given.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import chain
 from typing import Any, NamedTuple
 
 import msgspec
@@ -18,22 +17,11 @@ from icreckon.estimator.base.checks import Latency, check_bounds, require_flag
 from icreckon.estimator.base.lag_search import BEYOND
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.health import TrackLatencyHealth
-from icreckon.estimator.log.measurements import (
-    BodyVelocity,
-    HeadingFix,
-    HeightFix,
-    ImuSample,
-    Measurement,
-    PoseFix,
-    PositionFix,
-    TrackSpeeds,
-)
+from icreckon.estimator.log import measurements
+from icreckon.estimator.log.measurements import Measurement, TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.sensors.track_latency import (
-    LARGEST_HOLE,
-    TrackLatencyEstimator,
-    TrackLatencyMemory,
-)
+from icreckon.estimator.sensors import track_latency
+from icreckon.estimator.sensors.track_latency import TrackLatencyMemory
 
 LARGEST_SIGMA = 0.02  # largest standard error with which an estimate is used [s]
 LEAST_LATENCY, LEAST_CHANGE = 0.03, 0.01
@@ -94,30 +82,29 @@ class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Latencies by type of measurement [s]."""
         return {
             TrackSpeeds: self.tracks,
-            ImuSample: self.imu,
-            PositionFix: self.position,
-            HeadingFix: self.heading,
-            HeightFix: self.position,
-            PoseFix: self.pose,
-            BodyVelocity: self.body_velocity,
+            measurements.ImuSample: self.imu,
+            measurements.PositionFix: self.position,
+            measurements.HeadingFix: self.heading,
+            measurements.HeightFix: self.position,
+            measurements.PoseFix: self.pose,
+            measurements.BodyVelocity: self.body_velocity,
         }
 
 
-class RatePart(NamedTuple):
-    """Samples of a rate: stamp of the first [ns], times since then [ns], and rates."""
+class RateSamples(NamedTuple):
+    """Successive samples of a rate."""
 
-    begin: int
-    times: list[float]
-    rates: list[float]
+    stamps: Stamps  # (n,) [ns]
+    rates: Floats  # (n,)
 
 
-def joined(parts: list[RatePart]) -> tuple[Stamps, Floats]:
-    """Join successive parts to stamps (n,) [ns] and rates (n,)."""
-    counts = [len(part.times) for part in parts]
-    begins = np.repeat(np.array([part.begin for part in parts], np.int64), counts)
-    times = np.array([*chain.from_iterable(part.times for part in parts)])
-    rates = np.array([*chain.from_iterable(part.rates for part in parts)])
-    return begins + times.astype(np.int64), rates
+NO_SAMPLES = RateSamples(np.zeros(0, np.int64), np.zeros(0))
+
+
+def joined(parts: list[RateSamples]) -> RateSamples:
+    """Join successive samples; none if there are no parts."""
+    stamps, rates = zip(NO_SAMPLES, *parts, strict=True)
+    return RateSamples(np.concatenate(stamps), np.concatenate(rates))
 
 
 class StampCorrection:
@@ -125,23 +112,18 @@ class StampCorrection:
 
     Args:
         latencies: the latencies.
-        estimated: estimate of an earlier run to begin with [s].
+        estimated: part of the track speeds' latency that an earlier run has estimated [s].
         memory: checkpoint of the watch, see `memory`; None to start again.
-
-    Attributes:
-        latencies: the latencies.
-        estimated: part of the track speeds' latency that was estimated, and is taken off [s].
     """
 
     def __init__(
         self, latencies: Latencies, estimated: float = 0.0, memory: TrackLatencyMemory | None = None
     ) -> None:
         self.latencies, self.estimated = latencies, estimated
-        # Samples that the estimator has not taken yet, of the difference of the track speeds and of the
-        # yaw rate, and their number.
-        self._track_parts, self._gyro_parts = list[RatePart](), list[RatePart]()
+        # Samples of track-speed difference and yaw rate that the estimator has not taken; their number.
+        self._track_parts, self._gyro_parts = list[RateSamples](), list[RateSamples]()
         self._waiting_samples = 0
-        self._estimator = TrackLatencyEstimator()
+        self._estimator = track_latency.TrackLatencyEstimator()
         if memory is not None:
             self._estimator.recall(memory)
         latency_ns = {kind: _nanoseconds(value) for kind, value in latencies.by_kind().items()}
@@ -171,10 +153,11 @@ class StampCorrection:
             if not count:
                 continue
             begin = int(samples.begin) + added_ns
-            if parts and begin < parts[-1].begin - LARGEST_HOLE:
+            if parts and begin < parts[-1].stamps[0] - track_latency.LARGEST_HOLE:
                 # The clock was set back.
                 self._flush()
-            parts.append(RatePart(begin, samples.times[:count], samples.rates[:count]))
+            stamps = begin + np.array(samples.times[:count]).astype(np.int64)
+            parts.append(RateSamples(stamps, np.array(samples.rates[:count])))
             self._waiting_samples += count
         if self._waiting_samples >= SAMPLES_AT_ONCE:
             self._use_estimate()

@@ -46,10 +46,8 @@ def reason_of(kind: int, seconds: float) -> str:
 def loss_kinds(path: Trajectory, *, finite: Any = True, negative: Any = False) -> Any:
     """Kind of loss (n, ...) of each row of a path: `USABLE` or a key of `REASONS`.
 
-    Args:
-        path: the path; its arrays may have an axis for filters after the first.
-        finite: (n, ...) False if another value of the row is not finite.
-        negative: (n, ...) True if another variance of the row is negative.
+    Arrays of the path may have an axis for filters after the first. `finite` (n, ...) is False if another
+    value of the row is not finite, `negative` (n, ...) True if another variance is negative.
     """
     for values in (path.poses, path.twists):
         finite = finite & np.isfinite(values).all(axis=-1)
@@ -63,12 +61,7 @@ def loss_kinds(path: Trajectory, *, finite: Any = True, negative: Any = False) -
 
 
 def loss_of(run: Run, start: int) -> LostFilter | None:
-    """Loss of a filter, from its run; None if all rows and sums of NIS are usable.
-
-    Args:
-        run: the run.
-        start: stamp from which times are counted [ns].
-    """
+    """Loss of a filter, at a time since `start` [ns]; None if rows and NIS are usable."""
     if not len(run.trajectory.stamps):
         tracks = run.health.sensors.get("tracks")
         counts = {} if tracks is None else tracks.rejected
@@ -77,11 +70,8 @@ def loss_of(run: Run, start: int) -> LostFilter | None:
         return LostFilter(run.variant, f"no track speeds were used{suffix}")
     # The root of a negative variance is NaN.
     sigmas = run.state_sigmas
-    kinds = loss_kinds(
-        run.trajectory,
-        finite=np.isfinite(run.states).all(axis=1) & ~np.isinf(sigmas).any(axis=1),
-        negative=np.isnan(sigmas).any(axis=1),
-    )
+    finite = np.isfinite(run.states).all(axis=1) & ~np.isinf(sigmas).any(axis=1)
+    kinds = loss_kinds(run.trajectory, finite=finite, negative=np.isnan(sigmas).any(axis=1))
     lost_rows = np.flatnonzero(kinds)
     if not len(lost_rows):
         sums = {name: sensor.nis_sum for name, sensor in run.health.sensors.items()}
@@ -93,14 +83,7 @@ def loss_of(run: Run, start: int) -> LostFilter | None:
 
 
 def stopped_by(problem: Exception, so_far: Run, start: int, stamp: int) -> LostFilter:
-    """Loss of a filter that has raised an exception.
-
-    Args:
-        problem: the exception.
-        so_far: rows of the run before it; if one of them is unusable, that is the reason.
-        start: stamp from which times are counted [ns].
-        stamp: stamp of the measurement that it was raised at [ns].
-    """
+    """Loss of a filter by an exception at a stamp, or by an unusable row before it."""
     seconds = (stamp - start) * NANOSECOND
     reason = f"stopped at {seconds:.1f} s by {described(problem)}"
     return loss_of(so_far, start) or LostFilter(so_far.variant, reason, seconds)

@@ -26,12 +26,7 @@ class IcrPoints(NamedTuple):
 
 
 def icr_points(indices: IndexValues, track_gauge: float) -> IcrPoints:
-    """Compute the ICRs of the tracks by (28) to (30).
-
-    Args:
-        indices: zeta, epsilon [m], eta [-].
-        track_gauge: distance between the centre lines of the tracks [m].
-    """
+    """Compute the ICRs of the tracks by (28) to (30), for a track gauge [m]."""
     icrs = icrs_from_indices(indices, track_gauge)
     left = paper_to_rep103(icrs.x_ICRl, icrs.y_ICR)
     right = paper_to_rep103(icrs.x_ICRr, icrs.y_ICR)
@@ -69,8 +64,8 @@ class Snapshot(NamedTuple):
     @property
     def twist3d(self) -> Twist3d:
         """Velocity with the rates of roll and pitch."""
-        rates, rates_P = self.tilt_rates, self.tilt_rate_covariance
-        return twist3d_of(self.twist, self.twist_covariance, rates, rates_P)
+        tilt = self.tilt_rates, self.tilt_rate_covariance
+        return twist3d_of(self.twist, self.twist_covariance, *tilt)
 
 
 class PredictedPose(NamedTuple):

@@ -8,18 +8,9 @@ import msgspec
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.filter import fault_table
 from icreckon.estimator.filter.ekf import Ekf
-from icreckon.estimator.filter.fault_table import (
-    OWN_FAULTS,
-    Exclude,
-    FilterView,
-    Finding,
-    Found,
-    Inflate,
-    OwnFault,
-    Replace,
-    finding,
-)
+from icreckon.estimator.filter.fault_table import Finding, Found, Inflate, OwnFault, Replace
 from icreckon.estimator.log.input_checks import Admission, as_plain
 from icreckon.estimator.log.measurements import Measurement
 
@@ -31,19 +22,17 @@ class OwnFaults:
 
     def __init__(self, state_names: tuple[str, ...], admission: Admission) -> None:
         self._state_names, self._admission = state_names, admission
-        self.watched = [fault_type() for fault_type in OWN_FAULTS.values()]
+        self.watched = [fault_type() for fault_type in fault_table.OWN_FAULTS.values()]
         # Findings on faults that raised an exception, by their names.
         self._failed: dict[str, Finding] = {}
 
     def watch(
-        self, measurement: Measurement, view: FilterView, ekf: Ekf
+        self, measurement: Measurement, view: fault_table.FilterView, ekf: Ekf
     ) -> tuple[Measurement, str | None]:
         """Watch a measurement, and inflate the filter.
 
-        Each fault sees the measurement as those before it have replaced it.
-
-        Returns:
-            The measurement to use; the name of the fault that excludes it, or None.
+        Each fault sees the measurement as those before it have replaced it. Returns that to use, and the
+        name of the fault that excludes it, or None.
         """
         excluded_by: str | None = None
         inflations: list[tuple[int, float]] = []
@@ -54,7 +43,7 @@ class OwnFaults:
                 match effect:
                     case Replace():
                         measurement = self._replaced(measurement, effect)
-                    case Exclude():
+                    case fault_table.Exclude():
                         excluded_by = excluded_by or fault.name
                     case _:
                         inflations += self._variances(effect)
@@ -75,7 +64,7 @@ class OwnFaults:
             try:
                 found = fault.find()
                 if found is not None:
-                    lasting.append(finding(fault, Found(*found)))
+                    lasting.append(fault_table.finding(fault, Found(*found)))
             except Exception as problem:
                 self._give_up(fault, problem)
         return [*lasting, *self._failed.values()]
@@ -85,28 +74,18 @@ class OwnFaults:
         return {fault.name: deepcopy(fault) for fault in self.watched}
 
     def restore(self, memory: dict[str, Any]) -> None:
-        """Restore copies, or fields of a file; faults that are missing start again.
-
-        Raises:
-            EstimatorError: the fields of a file are not those of the fault.
-        """
+        """Restore copies or fields of a file; `EstimatorError` if they do not fit."""
         for index, fault in enumerate(self.watched):
             saved = memory.get(fault.name, type(fault)())
+            is_copy = isinstance(saved, OwnFault)
             try:
-                self.watched[index] = (
-                    deepcopy(saved)
-                    if isinstance(saved, OwnFault)
-                    else msgspec.convert(saved, type(fault))
-                )
+                restored = deepcopy(saved) if is_copy else msgspec.convert(saved, type(fault))
+                self.watched[index] = restored
             except msgspec.ValidationError as problem:
                 raise EstimatorError(f"{fault.name!r}: its memory is another: {problem}") from None
 
     def require_files(self) -> None:
-        """Require memories that a file can hold.
-
-        Raises:
-            EstimatorError: one holds a number that is not finite, or another kind of value.
-        """
+        """Require memories that a file can hold; `EstimatorError` otherwise."""
         for fault in self.watched:
             try:
                 decoded = msgspec.json.decode(msgspec.json.encode(fault), type=type(fault))
@@ -117,11 +96,7 @@ class OwnFaults:
                 raise EstimatorError(f"{fault.name!r} cannot be saved: its memory would change")
 
     def _replaced(self, before: Measurement, effect: Replace) -> Measurement:
-        """Measurement that an effect puts in place of another one.
-
-        Raises:
-            ValueError: it has another type or stamp, or a filter would reject it.
-        """
+        """Measurement that an effect puts in place of another; `ValueError` if invalid."""
         replacement = as_plain(effect.measurement)
         if type(replacement) is not type(before) or replacement.stamp != before.stamp:
             raise ValueError(f"Replace needs the same type and stamp as {before!r}")
@@ -148,5 +123,5 @@ class OwnFaults:
         """Watch for a fault no longer, since it raised an exception; keep a finding."""
         text = f"{type(problem).__name__}: {problem}"
         given_up = Found("robot", f"the fault {fault.name!r} failed: {text}", effect="not watched")
-        self._failed[fault.name] = finding(fault, given_up)
+        self._failed[fault.name] = fault_table.finding(fault, given_up)
         self.watched = [other for other in self.watched if other.name != fault.name]

@@ -16,17 +16,10 @@ from icreckon.estimator.engine.lane_filter import LaneSteps
 from icreckon.estimator.engine.lane_functions import BEGIN, PROPAGATE, REFUSED
 from icreckon.estimator.faults.repeating_fixes import repeats
 from icreckon.estimator.faults.scattering_fixes import ScatterRecord
-from icreckon.estimator.filter import slip_factor
+from icreckon.estimator.filter import filter_record, slip_factor
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.ekf import Ekf, update
-from icreckon.estimator.filter.filter_record import (
-    FilterRecord,
-    ends_step,
-    may_be_pushed,
-    sides_of,
-    wander_after,
-)
 from icreckon.estimator.filter.gate import FORCED, GATED, SKIPPED, GateRecord, gates_of
 from icreckon.estimator.filter.health import (
     ADMITTED,
@@ -55,16 +48,10 @@ from icreckon.estimator.motion.propagation import gauss_markov, step_on_se2
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings, wander_of
 from icreckon.estimator.robot.variants import Variant, state_names
-from icreckon.estimator.sensors import imu_clock, predictions
+from icreckon.estimator.sensors import imu_clock, measurement_models, predictions
 from icreckon.estimator.sensors.held_tracks import is_hole, speeds_at
 from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.estimator.sensors.measurement_models import (
-    IMU_SENSORS,
-    MODELS,
-    FixModel,
-    Quantity,
-    innovation_components,
-)
+from icreckon.estimator.sensors.measurement_models import FixModel, Quantity
 from icreckon.estimator.sensors.predictions import Prediction
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.standstill import QuietReadings
@@ -81,12 +68,11 @@ class Reckoning:
         variant: the filter variant.
         settings: settings that are no property of the robot.
         start: pose at the first track speeds: x, y [m], yaw [rad].
-        start_sigma: its standard deviations [m, m, rad].
+        spread: its standard deviations [m, m, rad].
 
     Attributes:
         ekf: the extended Kalman filter.
         parameter_sigmas: (9,) initial standard deviations of the parameters.
-        own_faults: faults that users have added.
         record: record of the inputs, of which only the rates for the watch may be taken.
 
     Raises:
@@ -94,16 +80,11 @@ class Reckoning:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        variant: Variant,
-        settings: Settings,
-        start: tuple[float, float, float],
-        start_sigma: tuple[float, float, float],
+        self, robot: Robot, variant: Variant, settings: Settings, start: Vector3, spread: Vector3
     ) -> None:
         model, state, sigmas, self._disturbances = assumptions(robot, variant, settings)
         self.parameter_sigmas = sigmas[s.PARAMETERS].copy()
-        state[s.POSE], sigmas[s.POSE] = start, start_sigma
+        state[s.POSE], sigmas[s.POSE] = start, spread
         self.ekf = Ekf(model)
         self.ekf.x = state
         self.ekf.P = np.diag(sigmas**2)
@@ -121,12 +102,13 @@ class Reckoning:
         self._prior = robot.imu
         compiles = settings.engine == "compiled"
         make_record = shared_record if compiles else copied
-        self.record = make_record(FilterRecord(input_settings(robot, settings)))
+        self.record = make_record(filter_record.FilterRecord(input_settings(robot, settings)))
         self._tracks, self._imu = self.record.tracks, self.record.imu
         self._readings = QuietReadings()
         # The gates of the IMU count in the record, the others in records of their own.
-        imu_gates = {name: getattr(self.record, name) for name in IMU_SENSORS}
-        self._gates = gates_of(innovation_components(), settings.gates, imu_gates, make_record)
+        imu_gates = {name: getattr(self.record, name) for name in measurement_models.IMU_SENSORS}
+        components = measurement_models.innovation_components()
+        self._gates = gates_of(components, settings.gates, imu_gates, make_record)
         self._fix_gates = {n: gate for n, gate in self._gates.items() if n not in imu_gates}
         parts = self.ekf, self._disturbances, robot, settings, self.record, self._readings
         self._steps = LaneSteps(*parts, compiles=compiles)
@@ -193,12 +175,7 @@ class Reckoning:
         self.own_faults.restore(checkpoint.own_faults)
 
     def warm_start(self, checkpoint: FilterCheckpoint, off: float) -> None:
-        """Start with parameters, biases and scales of a checkpoint.
-
-        Args:
-            checkpoint: of a filter of the same robot and variant.
-            off: time since the checkpoint, over which the biases walk [s].
-        """
+        """Start with parameters, biases and scales of a checkpoint that is `off` [s] old."""
         self.ekf.x[s.LEARNT] = checkpoint.state[s.LEARNT]
         self.ekf.P[s.LEARNT, s.LEARNT] = checkpoint.covariance[s.LEARNT, s.LEARNT]
         self.ekf.P[: s.SIZE, : s.SIZE] += np.diag(self._disturbances.bias_walk**2 * off)
@@ -251,26 +228,18 @@ class Reckoning:
         return np.column_stack([now, start, excitation.max(axis=0)])
 
     def slip_sigma(self, *, pushed: bool | None = None) -> Vector3:
-        """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
-
-        Args:
-            pushed: the robot may be turning with its tracks at rest; None to decide by the inputs.
-        """
+        """Standard deviation of the slip [m/s, m/s, rad/s]; `pushed` by inputs if None."""
         record = self.record
         eta = self.ekf.model.steering_efficiency(self.ekf.x[s.PARAMETERS])
         if pushed is None:
-            pushed = not record.stands and may_be_pushed(record)
+            pushed = not record.stands and filter_record.may_be_pushed(record)
         factor = record.slip_factor
         return self._disturbances.slip_sigma(self._tracks, eta, pushed=pushed, factor=factor)
 
     # --- inputs ----------------------------------------------------------------------------------
 
     def take(self, event: Event) -> bool:
-        """Update with one measurement or mark, not older than the one before.
-
-        Returns:
-            True if it was used.
-        """
+        """Update with a measurement or mark, no older than the last; True if it was used."""
         if self.own_faults.watched and not isinstance(event, Mark):
             event, excluded_by = self.own_faults.watch(event, self, self.ekf)
             if excluded_by is not None:
@@ -300,10 +269,11 @@ class Reckoning:
         else:
             # The old speeds hold up to their own stamp, over a gap to the start of the new interval.
             is_gap = is_hole(tracks, m.stamp, hold)
-            if is_gap or ends_step(record):
+            if is_gap or filter_record.ends_step(record):
                 self._advance(imu_clock.interval_start(tracks, m.stamp) if is_gap else tracks.stamp)
             self._counts.track_gaps += is_gap
-        sides = sides_of(record, m.stamp, (m.left, m.right), m.left_wheels, m.right_wheels, True)
+        wheels = m.left_wheels, m.right_wheels
+        sides = filter_record.sides_of(record, m.stamp, (m.left, m.right), *wheels, True)
         take(m.stamp, *sides, False)
         if is_first:
             # The robot may be moving already, with a slip.
@@ -334,8 +304,8 @@ class Reckoning:
         """Update with samples, and fill rows, see `PoseEstimator.feed_samples`."""
         # Marks, an observer and faults of users need each step.
         ekf, has_own_faults = self.ekf, bool(self.own_faults.watched)
-        is_watched = ekf.clones is not None or ekf.observer is not None or has_own_faults
-        if is_watched or self._tracks.stamp == NEVER:
+        needs_each_step = ekf.clones is not None or ekf.observer is not None or has_own_faults
+        if needs_each_step or self._tracks.stamp == NEVER:
             return 0, 0, 0
         taken = self._steps.take_samples(samples, self._mounting, rows, uses_force=self._uses_force)
         self._counts.sensor("tracks").used += taken.tracks
@@ -344,7 +314,7 @@ class Reckoning:
 
     def _take_fix(self, m: Measurement) -> bool:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""
-        model, record = MODELS[type(m)], self.record
+        model, record = measurement_models.MODELS[type(m)], self.record
         # Predict ahead, within the step that the next IMU sample will end, or move to the stamp. A zero
         # velocity at the end of a step is about the next one.
         is_at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER
@@ -449,10 +419,7 @@ class Reckoning:
     # --- steps -----------------------------------------------------------------------------------
 
     def _relocate(self) -> bool:
-        """Align the path with the rejected position fixes; False if they do not fit.
-
-        The path has the right shape but the wrong place: the heading is wrong, too.
-        """
+        """Align the path with the rejected position fixes; False if they do not fit."""
         pose, P = self.ekf.x[s.POSE].copy(), np.zeros((5, 5))
         fits = relocate(self.record.fixes.rejected, pose, P, self._wander.sigma)
         if fits:
@@ -462,10 +429,10 @@ class Reckoning:
 
     def _let_wander(self, stamp: int) -> float:
         """Propagate the wander to a stamp [ns]; return its process noise [m²]."""
-        wander = self._wander
+        wander, fixes = self._wander, self.record.fixes
         if not wander.sigma:
             return 0.0
-        decay, variance = wander_after(self.record.fixes, stamp, wander.sigma, wander.time)
+        decay, variance = filter_record.wander_after(fixes, stamp, wander.sigma, wander.time)
         self.ekf.let_wander(decay, variance)
         return variance
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -11,20 +11,10 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError, IcreckonError
 from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.filter import samples as sample_arrays
 from icreckon.estimator.filter.fault_table import FAULT_COLUMNS
 from icreckon.estimator.filter.health import Health, Judged
-from icreckon.estimator.filter.samples import (
-    COUNT,
-    DUE,
-    NEWEST,
-    NO_STAMPS,
-    WRITTEN,
-    RunRows,
-    SampleArrays,
-    are_in_order,
-    has_absurd_readings,
-    samples_of,
-)
+from icreckon.estimator.filter.samples import COUNT, DUE, NEWEST, WRITTEN, RunRows, SampleArrays
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import Measurement, TrackSpeeds
 from icreckon.estimator.log.series import TrackSpeedSeries, require_part
@@ -83,11 +73,8 @@ def work_through(
 ) -> Run:
     """Feed a log to a new estimator, and record its estimates.
 
-    Args:
-        log: the measurements; its truth is not used.
-        estimator: new estimator.
-        progress: called from time to time with the stamp that was reached [ns].
-        at_row: called after each row; measurements are then fed one by one.
+    `progress` is called from time to time with the stamp that was reached [ns], `at_row` after each row;
+    measurements are then fed one by one.
 
     Raises:
         EstimatorError: a log without track speeds.
@@ -98,12 +85,14 @@ def work_through(
             f"log {log.name!r} holds no track speeds: there is nothing to reckon with"
         )
     feeding = _Feeding(log, estimator, progress, at_row)
-    samples = samples_of(log)
+    samples = sample_arrays.samples_of(log)
     fastest = estimator.robot.vehicle.max_track_speed
-    is_plain = at_row is None and are_in_order(samples) and not estimator.has_own_faults
+    is_observed = at_row is not None or estimator.has_own_faults
     # NaN is found afterwards, see `icreckon.estimator.streaming.lost`.
     with np.errstate(all="ignore"):
-        if is_plain and len(samples.imu_stamps) and not has_absurd_readings(log, fastest):
+        is_plain = sample_arrays.are_in_order(samples) and len(samples.imu_stamps) > 0
+        is_plain = is_plain and not sample_arrays.has_absurd_readings(log, fastest)
+        if is_plain and not is_observed:
             feeding.feed_arrays(samples)
         else:
             feeding.feed_each(log.measurements())
@@ -114,66 +103,66 @@ def work_through(
     return finished
 
 
+@dataclass
 class _Feeding:
     """Run in progress, with the arguments of `work_through`, and its rows so far."""
 
-    def __init__(
-        self,
-        log: Log,
-        estimator: PoseEstimator,
-        progress: Callable[[int], None] | None,
-        at_row: Callable[[], None] | None,
-    ) -> None:
-        self._log, self._estimator, self._progress, self._at_row = log, estimator, progress, at_row
-        self._rows = Rows(len(log.tracks.stamps))
-        self._fed_count = 0
+    log: Log
+    estimator: PoseEstimator
+    progress: Callable[[int], None] | None
+    at_row: Callable[[], None] | None
+    fed_count: int = 0
+
+    def __post_init__(self) -> None:
+        self.rows = Rows(len(self.log.tracks.stamps))
 
     def finished(self) -> Run:
         """Run of all measurements, with a row for the newest track speeds."""
         self._write_row_if_due(None)
-        return self._so_far()
+        return self._run_of_filled_rows()
 
-    def _so_far(self) -> Run:
+    def _run_of_filled_rows(self) -> Run:
         """Run of the rows that are filled."""
-        estimator, rows = self._estimator, self._rows
+        estimator, rows = self.estimator, self.rows
         names, count = state_names(estimator.variant), int(rows.arrays.progress[COUNT])
         return rows.finish(count, estimator.variant.name, names, estimator.health)
 
     def _write_row_if_due(self, stamp: int | None) -> None:
         """Write a row if one is due before a measurement at a stamp [ns], or at the end."""
-        rows, estimator = self._rows, self._estimator
+        rows, estimator = self.rows, self.estimator
         progress = rows.arrays.progress
         is_later = stamp is None or stamp > progress[NEWEST]
         if progress[DUE] and is_later and estimator.stamp != progress[WRITTEN]:
             rows.innovations.put(int(progress[COUNT]), estimator.newest_judged())
             estimator.write_row(rows.arrays)
-            if self._at_row is not None:
-                self._at_row()
+            if self.at_row is not None:
+                self.at_row()
 
     def feed_each(self, measurements: Iterable[Measurement]) -> None:
         """Feed measurements one by one; an exception of the code raises `LostFilter`."""
-        progress = self._rows.arrays.progress
+        progress = self.rows.arrays.progress
         for measurement in measurements:
             stamp = measurement.stamp
             try:
                 self._write_row_if_due(stamp)
                 progress[NEWEST] = stamp
-                used = self._estimator.feed(measurement)
+                used = self.estimator.feed(measurement)
             except IcreckonError:
                 raise
             except Exception as problem:
-                raise stopped_by(problem, self._so_far(), self._log.start, stamp) from problem
+                so_far = self._run_of_filled_rows()
+                raise stopped_by(problem, so_far, self.log.start, stamp) from problem
             if used and isinstance(measurement, TrackSpeeds):
                 progress[DUE] = 1
-            self._fed_count += 1
-            if self._progress is not None and self._fed_count % PROGRESS_EVERY == 0:
-                self._progress(stamp)
+            self.fed_count += 1
+            if self.progress is not None and self.fed_count % PROGRESS_EVERY == 0:
+                self.progress(stamp)
 
     def feed_arrays(self, samples: SampleArrays) -> None:
         """Feed track and IMU samples as arrays, between the log's other measurements."""
-        log = self._log
+        log = self.log
         samples_alone = replace(log, fixes=None, others=(), truth=None)
-        no_tracks = TrackSpeedSeries(NO_STAMPS, np.zeros((0, 2)))
+        no_tracks = TrackSpeedSeries(sample_arrays.NO_STAMPS, np.zeros((0, 2)))
         others = replace(log, tracks=no_tracks, imu=None, truth=None)
         # None stands for the end of the log.
         for other in chain(others.measurements(), [None]):
@@ -191,23 +180,22 @@ class _Feeding:
 
     def _feed_part(self, samples: SampleArrays) -> SampleArrays:
         """Feed samples up to one that needs more than a step; return those that are left."""
-        rows, estimator = self._rows, self._estimator
+        rows, estimator = self.rows, self.estimator
         progress, judged = rows.arrays.progress, estimator.newest_judged()
         first_row = int(progress[COUNT])
         tracks, imu, _ = estimator.feed_samples(samples, rows.arrays)
         if progress[COUNT] > first_row:
             # Innovations of fixes before these samples belong to the first row since.
             rows.innovations.put(first_row, judged)
-        if self._progress is not None and tracks + imu:
-            self._progress(int(progress[NEWEST]))
+        if self.progress is not None and tracks + imu:
+            self.progress(int(progress[NEWEST]))
         return samples.after(tracks, imu)
 
 
 class InnovationRows:
     """Normalised innovations of at most `most` rows of a run, filled row by row.
 
-    A row has the newest innovation of each sensor since the row before, of rejected measurements too, and
-    NaN if there was none.
+    A row has the newest one of each sensor since the row before, even if it was rejected, or NaN.
     """
 
     def __init__(self, most: int) -> None:
@@ -230,14 +218,12 @@ class InnovationRows:
                         self._columns[name] = np.full(self._most, np.nan, np.float32)
                     self._columns[name][row] = residual[axis] / math.sqrt(variance)
 
-    def put_all(self, values: Floats) -> None:
-        """Fill the columns (most, 3) of the IMU's sensors; skip those without innovations."""
-        for name, column in zip(IMU_SENSORS, values.T, strict=True):
+    def finish(self, count: int, of_imu: Floats) -> tuple[tuple[str, ...], Singles]:
+        """Names (k,) of components with innovations, and the first rows (count, k) [-]."""
+        # Those (most, 3) of the IMU's sensors are added, if there were any.
+        for name, column in zip(IMU_SENSORS, of_imu.T, strict=True):
             if not np.isnan(column).all():
                 self._columns[name] = column.astype(np.float32)
-
-    def finish(self, count: int) -> tuple[tuple[str, ...], Singles]:
-        """Names (k,) of components with innovations, and the first rows (count, k) [-]."""
         components = chain.from_iterable(self._components.values())
         names = tuple(name for name in components if name in self._columns)
         rows = np.empty((count, len(names)), np.float32)
@@ -247,15 +233,7 @@ class InnovationRows:
 
 
 class Rows:
-    """Rows of a run, filled by the filters.
-
-    Args:
-        most: highest number of rows.
-
-    Attributes:
-        arrays: the rows without innovations of fixes.
-        innovations: normalised innovations of the fixes.
-    """
+    """Rows of a run, up to `most`; innovations of fixes are apart from `arrays`."""
 
     def __init__(self, most: int) -> None:
         self.arrays = RunRows(
@@ -286,7 +264,6 @@ class Rows:
 
     def finish(self, count: int, variant: str, state_names: tuple[str, ...], health: Health) -> Run:
         """Run of the first `count` rows."""
-        self.innovations.put_all(self.arrays.innovations)
         rows, filled = self.arrays, slice(0, count)
         states, sigmas = rows.states[filled], rows.sigmas[filled]
         trajectory = Trajectory(
@@ -298,5 +275,5 @@ class Rows:
             *spatial_of(states, sigmas),
         )
         indices, faults = rows.indices[filled], rows.faults[filled]
-        counts = health, *self.innovations.finish(count), faults
+        counts = health, *self.innovations.finish(count, rows.innovations), faults
         return Run(variant, trajectory, indices, state_names, states, sigmas, *counts)

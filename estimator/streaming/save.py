@@ -43,15 +43,9 @@ SHORT = 120  # objects of up to this many characters are written on one line of 
 UNUSED = ("log", "note", "format")  # keys of a robot file that an estimator does not depend on
 # Keys of a robot file that learnt parameters, scales and biases depend on; the others are noise.
 LEARNT_FROM = (
-    "name",
-    "vehicle",
-    "indices",
-    "constant_icr",
-    "soil",
-    "imu.rotation_rpy_deg",
-    "imu.gyro_axes",
-    "imu.gyro_scale",
-)
+    "name", "vehicle", "indices", "constant_icr", "soil",
+    "imu.rotation_rpy_deg", "imu.gyro_axes", "imu.gyro_scale",
+)  # fmt: skip
 # Largest value of a state, in its unit, and largest variance.
 LARGEST_STATE, LARGEST_VARIANCE = 1e15, 1e40
 # Least eigenvalue of the correlations, largest asymmetry, and largest covariance of an exact state:
@@ -72,22 +66,16 @@ class SavedEstimator(Bounded, frozen=True):
     witnesses: dict[str, tuple[Count, int]]  # see `icreckon.estimator.log.input_checks.Admission`
     latencies: Latencies = Latencies()  # latencies of the stamps
     estimated_latency: Latency = 0.0  # part of the track speeds' latency that was estimated [s]
-    # rows of measurements that were too old, see `Admission`
-    behind: tuple[tuple[Any, ...], ...] = ()
-    # watch over the track speeds' latency; None to start it again
-    watch: TrackLatencyMemory | None = None
+    behind: tuple[tuple[Any, ...], ...] = ()  # too old ones, see `Admission`
+    watch: TrackLatencyMemory | None = None  # of the track speeds' latency, if any
 
     def require_fit(
         self, robot: Robot, variant: str | None, source: str, *, to_continue: bool
     ) -> None:
-        """Require the robot and the variant that the estimator was saved for.
+        """Require the robot and the variant (None: any) that the estimator was saved for.
 
-        Args:
-            robot: the robot to continue with.
-            variant: name of the variant to continue with, None for any.
-            source: file name, for messages.
-            to_continue: all keys must agree; if False, only those that learnt parameters, scales and
-                biases depend on.
+        To continue, all keys must agree; otherwise only those that learnt parameters, scales and biases
+        depend on. The `source` is a file name, for messages.
 
         Raises:
             EstimatorError: robot or variant differ; the message gives the difference.
@@ -99,10 +87,9 @@ class SavedEstimator(Bounded, frozen=True):
             )
         before, now = _leaves(self.robot), _leaves(robot_constants(robot))
         # The name first: with another robot all other keys may differ.
+        learnt_from = tuple(f"{key}." for key in LEARNT_FROM)
         for key in sorted({*before, *now}, key=lambda key: (key != "name", key)):
-            matters = to_continue or any(
-                f"{key}.".startswith(f"{learnt}.") for learnt in LEARNT_FROM
-            )
+            matters = to_continue or f"{key}.".startswith(learnt_from)
             if matters and before.get(key) != now.get(key):
                 advice = "make a warm start, or start again" if to_continue else "start again"
                 raise EstimatorError(
@@ -118,12 +105,7 @@ def robot_constants(robot: Robot) -> dict[str, Any]:
 
 
 def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
-    """Write a saved estimator: a temporary file, moved into place.
-
-    Raises:
-        EstimatorError: the path exists and may not be replaced, the file cannot be written, or a number
-            is not finite.
-    """
+    """Write a saved estimator, moved into place whole; `EstimatorError` if that fails."""
     if path.exists() and not (overwrite and path.is_file()):
         raise EstimatorError(f"{path} exists already; give overwrite=True to replace a file")
     content = msgspec.to_builtins(saved, enc_hook=_to_plain)
@@ -146,11 +128,7 @@ def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
 
 
 def read_saved(path: Path) -> SavedEstimator:
-    """Read and check a saved estimator.
-
-    Raises:
-        EstimatorError: there is no such file, it is no saved estimator, of another version, or damaged.
-    """
+    """Read and check a saved estimator; `EstimatorError` if that fails."""
     try:
         document = msgspec.json.decode(path.read_bytes())
     except FileNotFoundError:
@@ -227,11 +205,7 @@ def _readable(value: Any, indent: str = "") -> str:
 
 
 def require_64_bits(content: Any) -> None:
-    """Require that all whole numbers of a file fit into 64 bits.
-
-    Raises:
-        ValueError: one does not.
-    """
+    """Require that whole numbers of a file fit into 64 bits; `ValueError` otherwise."""
     if isinstance(content, dict | list):
         for item in content.values() if isinstance(content, dict) else content:
             require_64_bits(item)
@@ -240,15 +214,9 @@ def require_64_bits(content: Any) -> None:
 
 
 def require_sound(checkpoint: FilterCheckpoint, ekf: Ekf, *, to_continue: bool = True) -> None:
-    """Require a checkpoint that this filter can have.
+    """Require a checkpoint that this filter can have; `ValueError` otherwise.
 
-    Args:
-        checkpoint: the checkpoint.
-        ekf: filter that is to be restored to it.
-        to_continue: True if sizes of state and memory must be the filter's; not for a warm start.
-
-    Raises:
-        ValueError: it has no place in the filter, or holds what no filter estimates.
+    Sizes of state and memory must be the filter's only to continue, not for a warm start.
     """
     state, memory, P = checkpoint.state, checkpoint.model, checkpoint.covariance
     if to_continue and state.shape != ekf.x.shape:
@@ -284,11 +252,7 @@ def _require_size(values: Floats, name: str) -> None:
 
 
 def require_covariance(P: Floats) -> None:
-    """Require a covariance matrix: finite, symmetric, positive semidefinite.
-
-    Raises:
-        ValueError: it is none.
-    """
+    """Require a finite, symmetric, positive semidefinite matrix, else `ValueError`."""
     variances = P.diagonal()
     if not (variances.min() >= 0.0 and np.abs(P).max() <= LARGEST_VARIANCE):
         raise ValueError(f"variances must be from 0 to {LARGEST_VARIANCE:g}")

@@ -36,7 +36,7 @@ for each row of the result (the upper triangle of its covariance). An hour at 10
 track speeds needs 1.3 GB.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,6 +45,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rotate
+from icreckon.estimator.filter.changes import Moved, Updated
 from icreckon.estimator.filter.ekf import WHOLE, Ekf, fade_wander, replaced_states
 from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.log.log import Log
@@ -177,12 +178,12 @@ class _Tape:
 
     # --- forward ---------------------------------------------------------------------------------
 
-    def moved(self, F: Floats, Q: Floats) -> None:
+    def moved(self, step: Moved) -> None:
         """Record a transition, see `Observer`."""
-        F = self.of_step(F)
+        F = self.of_step(step.F)
         self._not_turning = []
         self._delta = F @ self._delta
-        P = F @ self._optimal_P @ F.T + Q
+        P = F @ self._optimal_P @ F.T + step.Q
         self._optimal_P = 0.5 * (P + P.T)
         decay, gravity_rows = np.diag(F)[s.SLIP].copy(), F[s.GRAVITY].copy()
         self._tape.append(_Step(F[s.MOVED].copy(), decay, gravity_rows))
@@ -213,22 +214,21 @@ class _Tape:
         P[np.ix_(states, states)] = covariance
         self._tape.append(_Renewal(states))
 
-    def inflated(self, states: tuple[int, ...], covariance: Floats) -> None:
+    def inflated(self, states: Sequence[int], covariance: Floats, yaw: float | None = None) -> None:
         """Record an inflation, see `Observer`."""
+        del yaw
         self._optimal_P[np.ix_(states, states)] += covariance
 
-    def updated(
-        self, z: float, h: Floats, r: float, change: Floats, fixed: tuple[int, ...]
-    ) -> None:
+    def updated(self, change: Updated) -> None:
         """Record a scalar update, see `Observer`."""
-        if s.X not in fixed and (h[s.X] or h[s.Y]):
+        if s.X not in change.fixed and (change.h[s.X] or change.h[s.Y]):
             self._row_of_fix = len(self._rows)
-        h, r = self.without_fixed(h, r, fixed)
+        h, r = self.without_fixed(change.h, change.r, change.fixed)
         cross = self._optimal_P @ h
         S = float(h @ cross) + r
         gain = cross / S
-        innovation = z - float(h @ self._delta)
-        self._delta = self._delta + gain * innovation - change
+        innovation = change.z - float(h @ self._delta)
+        self._delta = self._delta + gain * innovation - change.gain * change.z
         self._optimal_P = self._optimal_P - np.outer(gain, cross)
         self._tape.append(_Update(h, gain, innovation, S))
 
@@ -269,16 +269,14 @@ class _Tape:
         ekf.observer = ekf.clones = None
         count, size = len(self._rows), self._size
         rows = Rows(count)
-        # Lambda of the recursion is the information.
+        # lambda and Lambda of the recursion.
         adjoint, information = np.zeros(size), np.zeros((size, size))
         for index in reversed(range(count)):
             row = self._rows.pop()
             while len(self._tape) > row.length:
                 adjoint, information = _back(self._tape.pop(), adjoint, information)
-            # Both triangles.
             P = np.zeros((size, size))
-            P[self._upper] = row.upper
-            P.T[self._upper] = row.upper
+            P[self._upper] = P.T[self._upper] = row.upper
             smoothed_P = P - P @ information @ P
             ekf.x = np.append(filtered.states[index], row.wander) + row.delta - P @ adjoint
             ekf.P = 0.5 * (smoothed_P + smoothed_P.T)
@@ -287,23 +285,15 @@ class _Tape:
             ekf.keep_inside_bounds()
             ekf.model.recall(row.model_memory)
             model = ekf.evaluation(ekf, *row.speeds, WHOLE)
-            rows.put(
-                index,
-                Snapshot(
-                    int(filtered.stamps[index]),
-                    ekf.x[: s.SIZE],
-                    ekf.P[: s.SIZE, : s.SIZE],
-                    model.twist,
-                    twist_covariance(model.jacobian, ekf.P, self._max_track_speed),
-                    model.motion.indices,
-                ),
-            )
+            twist_P = twist_covariance(model.jacobian, ekf.P, self._max_track_speed)
+            x, P = ekf.x[: s.SIZE], ekf.P[: s.SIZE, : s.SIZE]
+            stamp, indices = int(filtered.stamps[index]), model.motion.indices
+            rows.put(index, Snapshot(stamp, x, P, model.twist, twist_P, indices))
         if count:
             poses, anchor = rows.arrays.states[:, s.POSE], min(self._row_of_fix, count - 1)
             poses[:] = unstretched(filtered.trajectory.poses, poses, anchor)
-        return rows.finish(
-            count, filtered.variant + SMOOTHED, filtered.state_names, filtered.health
-        )
+        name = filtered.variant + SMOOTHED
+        return rows.finish(count, name, filtered.state_names, filtered.health)
 
 
 def unstretched(filtered: Floats, smoothed: Floats, anchor: int) -> Floats:
@@ -311,12 +301,8 @@ def unstretched(filtered: Floats, smoothed: Floats, anchor: int) -> Floats:
 
     Without fixes the correction of the yaw grows with the log. That of the position is linear in it: a
     path that is turned by 0.4 rad in this way is 8 % too long. So the corrections of the motion from row
-    to row are separated from the turn, each motion is corrected and turned, and the path composed again.
-
-    Args:
-        filtered: (n, 3) poses of the filter, at which everything is linearised.
-        smoothed: (n, 3) their sums with the linear corrections.
-        anchor: row from which the path is composed.
+    to row are separated from the turn, each motion is corrected and turned, and the path composed again
+    from the row `anchor`. The smoothed poses are those of the filter (n, 3) plus linear corrections.
     """
     turn = smoothed[:, 2] - filtered[:, 2]
     step = np.diff(filtered[:, :2], axis=0)

@@ -8,18 +8,9 @@ import logging
 import time
 from collections.abc import Iterator
 
+from icreckon.estimator.log import measurements
 from icreckon.estimator.log.input_checks import Event
-from icreckon.estimator.log.measurements import (
-    BodyVelocity,
-    HeadingFix,
-    HeightFix,
-    ImuSample,
-    Mark,
-    PoseFix,
-    PositionFix,
-    TrackSpeeds,
-    ZeroVelocity,
-)
+from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings, wander_of
@@ -33,11 +24,7 @@ READY: set[tuple[object, ...]] = set()  # shapes of filters whose kernels this p
 
 
 def warm_up(model: MotionModel, robot: Robot, variant: Variant, settings: Settings) -> None:
-    """Compile all kernels of a filter, once in a process for each shape of filter.
-
-    It takes up to 20 s with an empty cache, and less than a second with a full one; the plain engine has
-    no kernels.
-    """
+    """Compile all kernels of a filter, once in a process for each shape of filter."""
     if settings.engine == "plain":
         return
     from icreckon.estimator.engine.model import traced_model
@@ -69,11 +56,12 @@ def _events_of_each_kind(settings: Settings) -> Iterator[Event]:
             yield ImuSample(stamp, (0.0, 0.0, 0.1 * is_turning), (0.0, 0.01 * is_turning, 9.81))
 
     def fixes() -> Iterator[Event]:
-        yield PositionFix(stamp, 0.0, 0.0, 1.0)
-        yield HeadingFix(stamp, 0.0, 1.0)
-        yield HeightFix(stamp, 0.0, 1.0)
-        yield BodyVelocity(stamp, 0.1, 0.0, 1.0)
-        yield PoseFix(stamp, 0.0, 0.0, 0.0, ((1.0, 0.1, 0.0), (0.1, 1.0, 0.0), (0.0, 0.0, 1.0)))
+        yield measurements.PositionFix(stamp, 0.0, 0.0, 1.0)
+        yield measurements.HeadingFix(stamp, 0.0, 1.0)
+        yield measurements.HeightFix(stamp, 0.0, 1.0)
+        yield measurements.BodyVelocity(stamp, 0.1, 0.0, 1.0)
+        covariance = ((1.0, 0.1, 0.0), (0.1, 1.0, 0.0), (0.0, 0.0, 1.0))
+        yield measurements.PoseFix(stamp, 0.0, 0.0, 0.0, covariance)
 
     yield from samples(4, 0.1, 0.2)
     yield from fixes()
@@ -82,12 +70,12 @@ def _events_of_each_kind(settings: Settings) -> Iterator[Event]:
     yield from fixes()
     yield from samples(2, 0.1, 0.2)
     yield from samples(2, 0.0, 0.0)
-    yield ZeroVelocity(stamp)
+    yield measurements.ZeroVelocity(stamp)
     yield from samples(int(settings.standstill.duration * 1e9 / INTERVAL) + 4, 0.0, 0.0)
     stamp += int(2.0 * settings.hold * 1e9)
     yield from samples(4, 0.1, 0.2)
     # Steps with a mark are made part by part, so it comes last.
-    yield Mark(stamp)
+    yield measurements.Mark(stamp)
     yield from samples(2, 0.1, 0.2)
     yield from fixes()
     yield from samples(2, 0.1, 0.2)

@@ -8,37 +8,25 @@ The C file defines `real`, `complex_number` with its arithmetic, `smaller` and `
 
 import inspect
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, get_args, get_origin, get_type_hints
 
-from icreckon.estimator.tracing.c_types import BOOL, COMPLEX, INT, NONE, NUMBERS, REAL, Code, Type
-from icreckon.estimator.tracing.c_writer import FunctionWriter
+from icreckon.estimator.tracing import c_writer
+from icreckon.estimator.tracing.c_writer import BOOL, COMPLEX, INT, NONE, NUMBERS, REAL, Code, Type
 
 
+@dataclass
 class Functions:
-    """Functions in C, each after those that it calls.
+    """Functions in C, each after those that it calls."""
 
-    Args:
-        bits: number of bits of each number, 64 or 32.
-        record_types: C type of each type of record.
-        constants: expressions in C in place of fields, by type of record and name.
-        integers: types of whole numbers that are no `int64_t`, likewise.
+    bits: int  # number of bits of each number, 64 or 32
+    records: dict[type, Type]  # C type of each type of record
+    constants: dict[tuple[str, str], Code]  # expressions in place of fields, by record and name
+    integers: dict[tuple[str, str], str]  # types of whole numbers that are no `int64_t`, likewise
 
-    Attributes:
-        text: definitions of the functions so far.
-        tuples: definitions of their tuples.
-    """
-
-    def __init__(
-        self,
-        bits: int,
-        record_types: dict[type, Type],
-        constants: dict[tuple[str, str], Code],
-        integers: dict[tuple[str, str], str],
-    ) -> None:
-        self.bits, self.records = bits, record_types
-        self.constants, self.integers = constants, integers
-        self.text: list[str] = []
-        self.tuples: dict[Type, str] = {}
+    def __post_init__(self) -> None:
+        self.text: list[str] = []  # definitions of the functions so far
+        self.tuples: dict[Type, str] = {}  # definitions of their tuples
         self._translated: dict[tuple[Any, tuple[Type, ...]], tuple[str, Type]] = {}
         self._names: set[str] = set()
 
@@ -52,10 +40,7 @@ class Functions:
     def name_and_result(
         self, function: Callable[..., Any], types: Sequence[Type]
     ) -> tuple[str, Type]:
-        """Name in C and type of the result of a function; translate it if it is new.
-
-        An annotated number or tuple type of a parameter is used instead of the argument's.
-        """
+        """Name in C and type of the result of a function; translate it if it is new."""
         names = list(inspect.signature(function).parameters)
         hints = get_type_hints(function)
         used_types = []
@@ -71,7 +56,7 @@ class Functions:
             self._names.add(name)
             result = self.of_annotation(hints.get("return"))
             parameters = dict(zip(names, used_types, strict=True))
-            writer = FunctionWriter(self, function, parameters, result)
+            writer = c_writer.FunctionWriter(self, function, parameters, result)
             text = writer.function(name)
             self._translated[key] = name, writer.result or NONE
             self.text.append(text)

@@ -97,9 +97,8 @@ class _Writer:
 
     def _name(self, node: Traced) -> str:
         """Expression of a node that has been computed, or of one that needs no line."""
-        found = self._names.get(node)
-        if found is not None:
-            return found
+        if node in self._names:
+            return self._names[node]
         match node.op:
             case "constant":
                 if node.truth:

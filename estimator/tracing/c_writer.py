@@ -1,27 +1,18 @@
 """Body of one Python function as C99, statement by statement, see `c_functions`."""
 
+from __future__ import annotations
+
 import ast
 import inspect
 import math
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from operator import add, mul, sub, truediv
-from typing import Any, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 
 from icreckon.estimator.tracing.c_kernel import function_name, literal
-from icreckon.estimator.tracing.c_types import (
-    BOOL,
-    COMPLEX,
-    ELEMENTS,
-    INT,
-    NONE,
-    NUMBERS,
-    REAL,
-    Code,
-    Type,
-)
 
 LIBRARY = "icreckon."
 ARITHMETIC = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
@@ -33,15 +24,51 @@ RESERVED = ("new", "this", "real", "short", "long", "int", "float", "double", *B
 OF_MATH = ("sqrt", "exp", "expm1", "cos", "sin", "atan2")
 
 
+class Type(NamedTuple):
+    """Type of a C expression."""
+
+    kind: str  # real, int, bool, complex, none, tuple, record or array
+    name: str = ""  # C name of a tuple or record; type of the elements of an array
+    fields: tuple[tuple[str, Type], ...] = ()  # names and types of the fields of a tuple or record
+    shape: tuple[int, ...] = ()  # sizes of an array
+
+    def field(self, name: str) -> Type:
+        """Type of a field."""
+        return dict(self.fields)[name]
+
+    @property
+    def c(self) -> str:
+        """Declaration in C, without the name."""
+        if self.kind == "array":
+            return f"{ELEMENTS[self.name]} *"
+        return f"{self.name} *" if self.kind == "record" else SCALARS.get(self.kind, self.name)
+
+
+SCALARS = {
+    "real": "real",
+    "int": "int64_t",
+    "bool": "bool",
+    "complex": "complex_number",
+    "none": "void",
+}
+ELEMENTS = {"real": "real", "int": "int64_t", "place": "const uint16_t"}
+REAL, INT, BOOL, COMPLEX, NONE = (Type(kind) for kind in SCALARS)
+NUMBERS = (BOOL, INT, REAL, COMPLEX)
+
+
+class Code(NamedTuple):
+    """C expression and its type; `value` is that of a constant."""
+
+    text: str
+    type: Type
+    value: Any = None
+
+
 class FunctionWriter:
     """Writer of one of the `Functions`, for certain types of its parameters."""
 
     def __init__(
-        self,
-        functions: Any,
-        function: Callable[..., Any],
-        parameters: dict[str, Type],
-        result: Type | None,
+        self, functions: Any, function: Any, parameters: dict[str, Type], result: Type | None
     ) -> None:
         self._functions, self._function, self._parameters = functions, function, parameters
         self._bits = functions.bits
@@ -65,7 +92,7 @@ class FunctionWriter:
             for parameter, c_type in self._parameters.items()
         ]
         head = f"static {(self.result or NONE).c} {name}({', '.join(parameters) or 'void'})"
-        unused = [f"    (void){_safe(one)};" for one in self._parameters]
+        unused = [f"    (void){_safe(parameter)};" for parameter in self._parameters]
         return "\n".join([head, "{", *unused, *self._declared, *self._lines, "}", ""])
 
     def _fail(self, node: ast.AST, what: str = "") -> NotImplementedError:
@@ -75,6 +102,11 @@ class FunctionWriter:
 
     def _add(self, line: str) -> None:
         self._lines.append(self._indent + line)
+
+    def _new_name(self, letter: str) -> str:
+        """Name of a variable that is new in the function."""
+        self._count += 1
+        return f"{letter}_{self._count - 1}"
 
     def _local(self, name: str, c_type: Type, *, is_alias: bool = False) -> None:
         """Declare a local variable if it is new; an alias of an array has no elements."""
@@ -102,11 +134,10 @@ class FunctionWriter:
             case ast.Assign(targets=targets, value=value):
                 self._assign(targets, value)
             case ast.AugAssign(target=target, op=op, value=value):
-                self._store(
-                    target, self._arithmetic(node, op, self._code(target), self._code(value))
-                )
+                before, change = self._code(target), self._code(value)
+                self._store(target, self._arithmetic(node, op, before, change))
             case ast.If(test=test, body=body, orelse=orelse):
-                if all(isinstance(one, ast.Raise) for one in body) and not orelse:
+                if all(isinstance(statement, ast.Raise) for statement in body) and not orelse:
                     return
                 self._add(f"if ({self._truth(test)}) {{")
                 self._block(body)
@@ -142,12 +173,10 @@ class FunctionWriter:
         array = self._code(over)
         if array.type.kind != "array" or len(array.type.shape) != 1:
             raise self._fail(over)
-        place = f"k_{self._count}"
-        self._count += 1
-        element = REAL if array.type.name == "real" else INT
-        self._local(name, element)
-        self._add(f"for (int {place} = 0; {place} < {array.type.shape[0]}; {place}++) {{")
-        self._add(f"    {_safe(name)} = {array.text}[{place}];")
+        index = self._new_name("k")
+        self._local(name, REAL if array.type.name == "real" else INT)
+        self._add(f"for (int {index} = 0; {index} < {array.type.shape[0]}; {index}++) {{")
+        self._add(f"    {_safe(name)} = {array.text}[{index}];")
         self._block(body)
         self._add("}")
 
@@ -177,9 +206,8 @@ class FunctionWriter:
         """Return True if a loop's variable is the index of a tuple."""
         nodes = [node for statement in body for node in ast.walk(statement)]
         subscripts = [node for node in nodes if isinstance(node, ast.Subscript)]
-        owners = [_name_of(one.value) for one in subscripts if _name_of(one.slice) == name]
-        types = [self._locals.get(owner, NONE) for owner in owners]
-        return any(c_type.kind == "tuple" for c_type in types)
+        owners = [_name_of(node.value) for node in subscripts if _name_of(node.slice) == name]
+        return any(self._locals.get(owner, NONE).kind == "tuple" for owner in owners)
 
     def _return(self, value: ast.expr) -> None:
         code = self._code(value, self.result)
@@ -191,24 +219,23 @@ class FunctionWriter:
         """Assign one value to one or more targets, or a tuple part by part."""
         first = targets[0]
         if len(targets) > 1:
-            found = self._code(value)
+            code = self._code(value)
             if not isinstance(value, ast.Constant):
-                found = self._in_variable(found)
+                code = self._in_variable(code)
             for target in targets:
-                self._store(target, found)
+                self._store(target, code)
         elif isinstance(first, ast.Tuple) and isinstance(value, ast.Tuple):
             # All values before the first assignment, as in a swap.
-            values = [
-                code if isinstance(element, ast.Constant) else self._in_variable(code)
-                for element in value.elts
-                for code in [self._code(element)]
-            ]
+            values = []
+            for element in value.elts:
+                code, is_constant = self._code(element), isinstance(element, ast.Constant)
+                values.append(code if is_constant else self._in_variable(code))
             for target, code in zip(first.elts, values, strict=True):
                 self._store(target, code)
         elif isinstance(first, ast.Tuple):
-            found = self._in_variable(self._code(value))
-            for target, (field, c_type) in zip(first.elts, found.type.fields, strict=True):
-                self._store(target, Code(f"{found.text}.{field}", c_type))
+            whole = self._in_variable(self._code(value))
+            for target, (field, c_type) in zip(first.elts, whole.type.fields, strict=True):
+                self._store(target, Code(f"{whole.text}.{field}", c_type))
         else:
             self._store(first, self._code(value))
 
@@ -216,8 +243,7 @@ class FunctionWriter:
         """Assign an expression to a new variable, so that it is evaluated once."""
         if code.type.kind in ("record", "array"):
             return code
-        name = f"t_{self._count}"
-        self._count += 1
+        name = self._new_name("t")
         self._add(f"const {code.type.c} {name} = {code.text};")
         return Code(name, code.type)
 
@@ -235,19 +261,18 @@ class FunctionWriter:
                 self._add(f"{_safe(name)} = {self._as(code, declared).text};")
             case ast.Subscript(slice=ast.Slice(lower=None, upper=None)):
                 array = self._code(target.value)
-                place = f"k_{self._count}"
-                self._count += 1
+                index = self._new_name("k")
                 size, kept = math.prod(array.type.shape), self._in_variable(self._as(code, REAL))
-                self._add(f"for (int {place} = 0; {place} < {size}; {place}++) {{")
-                self._add(f"    {array.text}[{place}] = {kept.text};")
+                self._add(f"for (int {index} = 0; {index} < {size}; {index}++) {{")
+                self._add(f"    {array.text}[{index}] = {kept.text};")
                 self._add("}")
             case ast.Subscript() | ast.Attribute():
-                found = self._code(target)
-                value = self._as(code, found.type).text
-                if isinstance(target, ast.Attribute) and found.type in (INT, BOOL):
+                place = self._code(target)
+                value = self._as(code, place.type).text
+                if isinstance(target, ast.Attribute) and place.type in (INT, BOOL):
                     owner = self._code(target.value).type.name
                     value = f"({self._functions.integers.get((owner, target.attr), 'int64_t')})({value})"
-                self._add(f"{found.text} = {value};")
+                self._add(f"{place.text} = {value};")
             case _:
                 raise self._fail(target)
 
@@ -285,7 +310,7 @@ class FunctionWriter:
         if isinstance(value, float):
             return Code(literal(value, self._bits), REAL, value)
         if isinstance(value, complex):
-            parts = ", ".join(literal(one, self._bits) for one in (value.real, value.imag))
+            parts = ", ".join(literal(part, self._bits) for part in (value.real, value.imag))
             return Code(f"complex_of({parts})", COMPLEX)
         raise self._fail(node)
 
@@ -309,19 +334,19 @@ class FunctionWriter:
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 return Code(f"!({self._truth(operand)})", BOOL)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
-                found = self._code(operand)
-                if found.value is not None:
-                    return self._constant(-found.value, node)
-                return Code(f"-({found.text})", INT if found.type == BOOL else found.type)
+                code = self._code(operand)
+                if code.value is not None:
+                    return self._constant(-code.value, node)
+                return Code(f"-({code.text})", INT if code.type == BOOL else code.type)
             case ast.BoolOp(op=op, values=values):
                 sign = " && " if isinstance(op, ast.And) else " || "
-                return Code(sign.join(f"({self._truth(one)})" for one in values), BOOL)
+                return Code(sign.join(f"({self._truth(value)})" for value in values), BOOL)
             case ast.Compare():
                 return self._comparison(node)
             case ast.IfExp(test=test, body=body, orelse=orelse):
                 return self._choice(test, body, orelse)
             case ast.Tuple(elts=elements):
-                return self._tuple([self._code(one) for one in elements], wanted)
+                return self._tuple([self._code(element) for element in elements], wanted)
             case ast.Call():
                 return self._call(node)
         raise self._fail(node)
@@ -352,17 +377,15 @@ class FunctionWriter:
                 raise self._fail(node)
             name, field_type = owner.type.fields[place]
             return Code(f"{owner.text}.{name}", field_type)
-        parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-        places = [self._code(one) for one in parts]
+        axes = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        places = [self._code(axis) for axis in axes]
         text = ""
         for place, size in zip(places, owner.type.shape, strict=False):
             text = f"({text}) * {size} + {place.text}" if text else place.text
         rest_of_shape = owner.type.shape[len(places) :]
         if rest_of_shape:
-            return Code(
-                f"({owner.text} + ({text}) * {math.prod(rest_of_shape)})",
-                owner.type._replace(shape=rest_of_shape),
-            )
+            text = f"({owner.text} + ({text}) * {math.prod(rest_of_shape)})"
+            return Code(text, owner.type._replace(shape=rest_of_shape))
         element = REAL if owner.type.name == "real" else INT
         return Code(f"{owner.text}[{text}]", element)
 
@@ -395,16 +418,15 @@ class FunctionWriter:
 
     def _comparison(self, node: ast.Compare) -> Code:
         """Comparison of two numbers, or a chain of them as in `a < b < c`."""
-        operands = [self._code(one) for one in (node.left, *node.comparators)]
-        parts = []
+        operands = [self._code(operand) for operand in (node.left, *node.comparators)]
+        pairs = []
         for op, a, b in zip(node.ops, operands, operands[1:], strict=False):
             common = max(a.type, b.type, INT, key=NUMBERS.index)
             if common == COMPLEX:
                 raise self._fail(node)
-            parts.append(
-                f"{self._as(a, common).text} {RELATION[type(op)]} {self._as(b, common).text}"
-            )
-        return Code(parts[0] if len(parts) == 1 else f"({') && ('.join(parts)})", BOOL)
+            left, right = self._as(a, common).text, self._as(b, common).text
+            pairs.append(f"{left} {RELATION[type(op)]} {right}")
+        return Code(pairs[0] if len(pairs) == 1 else f"({') && ('.join(pairs)})", BOOL)
 
     def _choice(self, test: ast.expr, body: ast.expr, orelse: ast.expr) -> Code:
         """Conditional expression; its two numbers get the wider of their types."""
@@ -420,8 +442,7 @@ class FunctionWriter:
         if wanted is None or wanted.kind != "tuple":
             fields = [(f"_{k}", value.type) for k, value in enumerate(values)]
             wanted = self._functions.tuple_type(fields)
-        name = f"t_{self._count}"
-        self._count += 1
+        name = self._new_name("t")
         self._declared.append(f"    {wanted.name} {name};")
         for (field, c_type), value in zip(wanted.fields, values, strict=True):
             self._add(f"{name}.{field} = {self._as(value, c_type).text};")
@@ -456,17 +477,14 @@ class FunctionWriter:
             case "float":
                 return self._as(args[0], REAL)
             case "complex":
-                parts = ", ".join(self._as(one, REAL).text for one in args)
+                parts = ", ".join(self._as(arg, REAL).text for arg in args)
                 return Code(f"complex_of({parts})", COMPLEX)
             case "len":
                 return self._constant(args[0].type.shape[0], node)
         raise self._fail(node)
 
     def _call_of(self, node: ast.Call, called: Any, args: Sequence[Code]) -> Code:
-        """Call of a named tuple's type, or of a function of this package.
-
-        The default of a parameter without argument must be a tuple of numbers.
-        """
+        """Call of a named tuple's type, or of a function of this package."""
         if isinstance(called, type) and issubclass(called, tuple):
             return self._tuple(args, self._functions.of_annotation(called))
         if not str(getattr(called, "__module__", "")).startswith(LIBRARY):
@@ -489,15 +507,15 @@ class FunctionWriter:
         if owner == "np" and func.attr in ("empty", "zeros"):
             shape = node.args[0]
             sizes = shape.elts if isinstance(shape, ast.Tuple) else [shape]
-            c_type = Type("array", "real", shape=tuple(self._code(one).value for one in sizes))
+            c_type = Type("array", "real", shape=tuple(self._code(size).value for size in sizes))
             return Code("{0}", c_type)
         args = [self._code(arg) for arg in node.args]
         if owner == "math" and func.attr in OF_MATH:
             name = function_name(func.attr, self._bits)
-            return Code(f"{name}({', '.join(self._as(one, REAL).text for one in args)})", REAL)
+            return Code(f"{name}({', '.join(self._as(arg, REAL).text for arg in args)})", REAL)
         if func.attr == "conjugate":
-            found = self._in_variable(self._code(func.value))
-            return Code(f"complex_of({found.text}.re, -{found.text}.im)", COMPLEX)
+            number = self._in_variable(self._code(func.value))
+            return Code(f"complex_of({number.text}.re, -{number.text}.im)", COMPLEX)
         raise self._fail(node)
 
     def _absolute(self, code: Code) -> Code:

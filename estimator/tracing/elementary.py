@@ -25,8 +25,6 @@ HALF_PI = {
     64: (1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21),
     32: (1.5703125, 4.837512969970703125e-4, 7.549789954891882e-8),
 }
-
-
 # ln 2 in two parts, of which the first has 32 bits (16 in single precision), and the number of terms of
 # the series on -ln 2 / 2 to ln 2 / 2.
 LN_2 = {
@@ -73,10 +71,8 @@ def sine_and_cosine(angle: Any) -> tuple[Any, Any]:
     fourth = quadrant - 4.0 * rounded(quadrant * 0.25 - 0.375)  # number of the quadrant, 0 to 3
     swaps = (fourth == 1.0) | (fourth == 3.0)
     sine, cosine = select(swaps, cosine, sine), select(swaps, sine, cosine)
-    return (
-        select(fourth >= 2.0, -sine, sine),
-        select((fourth == 1.0) | (fourth == 2.0), -cosine, cosine),
-    )
+    sine = select(fourth >= 2.0, -sine, sine)
+    return sine, select((fourth == 1.0) | (fourth == 2.0), -cosine, cosine)
 
 
 _FUNCTIONS = SimpleNamespace(
@@ -99,10 +95,7 @@ PLAIN: dict[str, Any] = {
 
 
 def traced(function: Callable[..., Any]) -> Any:
-    """Copy a function of plain numbers, and those that it calls, for traced numbers.
-
-    They must have no branches on these numbers.
-    """
+    """Copy a branchless function, and those that it calls, for traced numbers."""
     twins: dict[Any, Any] = {}
 
     def twin(original: Any) -> Any:

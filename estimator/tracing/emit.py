@@ -20,6 +20,7 @@ LOOSE = ("contract",)
 # A number of the workspace is loaded again after this many operations. The machine has too few registers
 # for all numbers, and a copy on the stack would cost a write as well.
 RELOAD_AFTER = 150
+INTRINSICS = {"sqrt": "llvm.sqrt", "abs": "llvm.fabs", "round": "llvm.rint"}
 MIDDLE_ROW = 128  # rows are counted from this one: near ones have shorter instructions
 
 
@@ -33,10 +34,7 @@ def lanes_of_machine(bits: int) -> int:
 
 
 def emit(module: Any, symbol: str, kernel: Kernel, width: int, bits: int = 64) -> None:
-    """Emit a kernel into a module, as a function of `ARRAYS` that returns its flags.
-
-    The function is named `symbol`, and has `width` lanes of numbers of 64 or 32 `bits`.
-    """
+    """Emit a kernel as function `symbol` of `ARRAYS`, which returns its flags."""
     number = ir.DoubleType() if bits == 64 else ir.FloatType()
     kind = ir.FunctionType(LONG, [number.as_pointer()] * len(ARRAYS))
     _Emitter(ir.Function(module, kind, name=symbol), kernel, width, number).emit()
@@ -262,6 +260,3 @@ class _Emitter:
         for node in sorted(nodes, key=IN_ORDER):
             if node.op == "loop" and reachable([node], with_bodies=True).isdisjoint(varying):
                 self._compute(node)
-
-
-INTRINSICS = {"sqrt": "llvm.sqrt", "abs": "llvm.fabs", "round": "llvm.rint"}

@@ -78,11 +78,7 @@ def _cached(function: FunctionType, options: dict[str, Any]) -> Any:
 
 
 def jit(function: Any, callers: tuple[Any, ...] = ()) -> Any:
-    """Compile a function that other compiled ones call.
-
-    Raises:
-        ValueError: it calls itself, directly or through others.
-    """
+    """Compile a function that compiled ones call; `ValueError` if it calls itself."""
     if function in callers:
         raise ValueError(f"{function.__qualname__} calls itself, which compiled functions cannot")
     if function not in COMPILED:
@@ -99,17 +95,13 @@ def jit(function: Any, callers: tuple[Any, ...] = ()) -> Any:
 def _with_compiled_callees(function: Any, callers: tuple[Any, ...]) -> FunctionType:
     """Copy a function; functions of this package that it calls are compiled ones."""
     names = dict(function.__globals__)
-    for name in _loaded_globals(function):
+    # Names that it loads as globals; an attribute may be named like one.
+    loads = (load for load in dis.get_instructions(function) if load.opname == "LOAD_GLOBAL")
+    for name in dict.fromkeys(load.argval for load in loads):
         callee = names.get(name)
         if isinstance(callee, FunctionType) and callee.__module__.startswith(LIBRARY):
             names[name] = jit(callee, (*callers, function))
     return _renamed(function, names)
-
-
-def _loaded_globals(function: Any) -> list[str]:
-    """Names that a function loads as globals; an attribute may be named like one."""
-    loads = dis.get_instructions(function.__code__)
-    return list(dict.fromkeys(one.argval for one in loads if one.opname == "LOAD_GLOBAL"))
 
 
 def _renamed(function: Any, names: dict[str, Any]) -> FunctionType:

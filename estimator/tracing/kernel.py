@@ -20,19 +20,13 @@ class Kernel(NamedTuple):
     """Kernel in traced numbers."""
 
     name: str  # name of the kernel
-    # number of rows of each of `ARRAYS`; number of constants, which all lanes share
-    rows: tuple[int, int, int]
+    rows: tuple[int, int, int]  # numbers of rows of lanes and inputs, and of shared constants
     stores: Sequence[Store]  # outputs of the kernel
-    # truth values that the kernel returns, `FLAG_BITS` for each: bit k is that of lane k
-    flags: Sequence[Any] = ()
-    # changes of the filter that it reports, see `icreckon.estimator.filter.changes`
-    events: Sequence[Any] = ()
+    flags: Sequence[Any] = ()  # truth values it returns, `FLAG_BITS` each: bit k is of lane k
+    events: Sequence[Any] = ()  # changes that it reports, see `filter.changes`
 
 
 def call_kernel(kernel: Any, lanes: Any, inputs: Any, constants: Any) -> int:
-    """Call a kernel with its `ARRAYS`, and return its flags.
-
-    It is a function of these; in compiled code the address of its machine code.
-    """
+    """Call a kernel (or its address, in compiled code); return its flags."""
     flags: int = kernel(lanes, inputs, constants)
     return flags

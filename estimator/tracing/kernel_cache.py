@@ -37,11 +37,7 @@ DIGITS = 16  # digits of a digest in names of symbols, files and folders
 
 
 class CodeFiles:
-    """Files of machine code of one package: pickled data with a key and a checksum.
-
-    Args:
-        package: package of the functions: estimator or simulation.
-    """
+    """Files of machine code of a package: pickled data with a key and a checksum."""
 
     def __init__(self, package: str) -> None:
         self.folder = cache_folder() / environment_digest(package)
@@ -72,14 +68,7 @@ class CodeFiles:
 
 
 class KernelCache(NullCache):
-    """Disk cache of one compiled function, with the interface of numba's own.
-
-    If a file is missing, damaged, or has another key, the function is compiled instead.
-
-    Args:
-        name: qualified name of the function, unique in the package.
-        package: package of the function: estimator or simulation.
-    """
+    """Disk cache of a named compiled function, with the interface of numba's own."""
 
     def __init__(self, name: str, package: str) -> None:
         self._name, self._files = name, CodeFiles(package)
@@ -135,11 +124,7 @@ def warn_unless_kept() -> None:
 
 @cache
 def environment_digest(package: str) -> str:
-    """Digest of all inputs of the compiler except signature and processor.
-
-    These are the source files of the package and of the packages below it, and the versions of Python,
-    numba, llvmlite and NumPy.
-    """
+    """Digest of the sources and versions that machine code of a package depends on."""
     digest = hashlib.sha256()
     versions = sys.implementation.cache_tag, *(one.__version__ for one in (numba, llvmlite, np))
     options = [getattr(config, name) for name in OPTIONS]

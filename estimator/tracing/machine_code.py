@@ -23,10 +23,7 @@ LIBRARIES: list[Any] = []  # code in memory, which must stay as long as its addr
 
 
 class KernelLibrary(JITCodeLibrary):
-    """Library of numba without LLVM's optimisation passes.
-
-    Traced numbers gain nothing by them: they hold no expression twice.
-    """
+    """Library of numba without LLVM's passes, by which traced numbers gain nothing."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
@@ -39,9 +36,7 @@ class KernelLibrary(JITCodeLibrary):
 def address_of(
     make: Callable[..., Kernel], arguments: tuple[Hashable, ...], width: int, bits: int = 64
 ) -> int:
-    """Address of a kernel's machine code, for `call_kernel`.
-
-    The kernel is traced and compiled, or its code is loaded from disk.
+    """Address of a kernel's machine code, which is compiled or loaded from disk.
 
     `make` makes the kernel from arguments whose `repr` shows all that it depends on, for `width` lanes of
     numbers of 64 or 32 `bits`.

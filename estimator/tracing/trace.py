@@ -23,6 +23,13 @@ import numpy as np
 
 IN_ORDER = operator.attrgetter("number")  # order in which numbers were made
 COMMUTATIVE = {"add", "mul", "and", "or"}  # operations whose arguments may be exchanged
+RELATIONS: dict[str, Callable[[float, float], bool]] = {
+    ">": operator.gt,
+    ">=": operator.ge,
+    "<": operator.lt,
+    "<=": operator.le,
+    "==": operator.eq,
+}
 Operator: TypeAlias = "Callable[[Traced, Any], Traced]"
 
 
@@ -210,15 +217,10 @@ def repeat(
     a_round: Callable[..., tuple[Sequence[Any], Any]],
     most: int,
 ) -> list[Any]:
-    """Repeat a round while any lane needs one.
+    """Repeat a round while any lane needs one, up to a highest number of rounds.
 
     All lanes take part in each round, so `a_round` must not change the results of lanes that need none.
-
-    Args:
-        needed: truth value of each lane: it needs a first round.
-        initial: initial values.
-        a_round: function from the values to those after a round, and the truth value of another round.
-        most: highest number of rounds.
+    From the values it makes those after a round, and the truth value of another round.
 
     Returns:
         The final values, and the truth value of one more round.
@@ -255,13 +257,7 @@ def both(first: Any, second: Any) -> Any:
 def where_needed(
     needed: Any, usual: Sequence[Any], instead: Callable[[], Sequence[Any]]
 ) -> list[Any]:
-    """Replace values in some lanes, computed only if there are such lanes.
-
-    Args:
-        needed: truth value of each lane: its values are replaced.
-        usual: values of all other lanes.
-        instead: function that returns the values of these lanes.
-    """
+    """Values of `instead` in lanes that need them, computed only if there are such."""
     if not isinstance(needed, Traced):
         return list(instead() if needed else usual)
 
@@ -423,12 +419,3 @@ def _logical(op: str, a: Any, b: Any) -> Traced:
             decides = (constant.constant == 0.0) == (op == "and")
             return cast(Traced, constant if decides else other)
     return _make(op, (a, b), truth=True)
-
-
-RELATIONS: dict[str, Callable[[float, float], bool]] = {
-    ">": operator.gt,
-    ">=": operator.ge,
-    "<": operator.lt,
-    "<=": operator.le,
-    "==": operator.eq,
-}

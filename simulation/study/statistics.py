@@ -10,12 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Indexes, Stamps
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import (
-    Places,
     interpolate,
     interpolate_poses,
     mean_ratio,
@@ -95,8 +94,8 @@ class Segments(NamedTuple):
     """Segments over which drift is scored."""
 
     horizon: float  # their length [s]
-    first: Places  # (n,) indices of their starts
-    last: Places  # (n,) indices of their ends
+    first: Indexes  # (n,) indices of their starts
+    last: Indexes  # (n,) indices of their ends
 
 
 def scored_segments(

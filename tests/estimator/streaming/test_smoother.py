@@ -115,12 +115,12 @@ class _Batch(smoother._Tape):
         self.sources.append(covariance)
         self.maps.append(entry)
 
-    def moved(self, F, Q):
-        F = self.of_step(F)
-        super().moved(F, Q)
+    def moved(self, step):
+        F = self.of_step(step.F)
+        super().moved(step)
         self.maps = [F @ each for each in self.maps]
         self.offset = F @ self.offset
-        self._new_source(Q.copy(), np.eye(s.SIZE))
+        self._new_source(step.Q.copy(), np.eye(s.SIZE))
 
     def renewed(self, covariance):
         super().renewed(covariance)
@@ -128,15 +128,15 @@ class _Batch(smoother._Tape):
             each[s.FAST_SLIP] = 0.0
         self._new_source(covariance.copy(), np.eye(s.SIZE)[:, s.FAST_SLIP])
 
-    def inflated(self, states, covariance):
-        super().inflated(states, covariance)
+    def inflated(self, states, covariance, yaw=None):
+        super().inflated(states, covariance, yaw)
         self._new_source(covariance.copy(), np.eye(s.SIZE)[:, list(states)])
 
-    def updated(self, residual, row, variance, change, fixed):
-        seen, noise = self.without_fixed(row, variance, fixed)
-        self.seen.append((residual, [seen @ each for each in self.maps], seen @ self.offset, noise))
-        super().updated(residual, row, variance, change, fixed)
-        self.offset = self.offset - change
+    def updated(self, change):
+        seen, noise = self.without_fixed(change.h, change.r, change.fixed)
+        self.seen.append((change.z, [seen @ each for each in self.maps], seen @ self.offset, noise))
+        super().updated(change)
+        self.offset = self.offset - change.gain * change.z
 
     def record_row(self, track_speeds):
         super().record_row(track_speeds)
