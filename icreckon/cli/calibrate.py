@@ -21,9 +21,7 @@ from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.estimator.calibration.models import MODELS
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.bags.bag_files import BAG_SUFFIXES
 from icreckon.replay.bags.decoding import Definitions, read_definitions
-from icreckon.replay.bags.table_files import TABLE_SUFFIXES
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import write_text
 from icreckon.replay.calibration.results import headline, summarise_calibration
@@ -38,9 +36,6 @@ from icreckon.replay.reading.tables import are_parts
 from icreckon.report.calibration.tables import WIDE_FROM, calibration_page, calibration_tables
 from icreckon.report.pages import unless_missing
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
-
-SUFFIXES = (*BAG_SUFFIXES, *TABLE_SUFFIXES)
-BAG_FOLDER = "metadata.yaml"
 
 
 def command(
@@ -93,7 +88,7 @@ def command(
     message_files = message_files or []
     definitions = read_definitions(message_files)
     parts = robot.log and are_parts(paths, topic_map(robot).columns)
-    logs_of = [paths] if parts else list(map(_files_of, paths))
+    logs_of = [paths] if parts else [[path] for path in paths]
     with results_folder(out, f"icreckon-calibrate-{paths[0].stem}", overwrite=overwrite) as folder:
         logs = [_read(files, robot, definitions) for files in logs_of]
         calibration = _calibrate(logs, robot, segment, arm, names)
@@ -161,19 +156,6 @@ def _origin(calibration: Calibration) -> str:
     if sigma is None:
         return "of the robot file"
     return f"calibrated ± {sigma / calibration.robot.vehicle.track_gauge:.2g}"
-
-
-def _files_of(path: Path) -> list[Path]:
-    """Log of a path: itself, or all files of a folder that is not a bag."""
-    if not path.is_dir() or (path / BAG_FOLDER).exists():
-        return [path]
-    files = sorted(file for file in path.iterdir() if file.name.lower().endswith(SUFFIXES))
-    if not files:
-        raise ReplayError(
-            f"{path} is a folder without {BAG_FOLDER} and without files that end in "
-            f"{', '.join(SUFFIXES)}; give a log"
-        )
-    return files
 
 
 def _read(files: list[Path], robot: Robot, definitions: Definitions) -> Log:

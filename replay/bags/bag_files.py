@@ -284,8 +284,7 @@ def _file_sets(path: Path, unpacked: list[Path]) -> list[list[Path]]:
             )
         if not files:
             raise ReplayError(
-                f"{path}: not a bag: the folder holds no .mcap, .db3 or .bag file (tables: name the "
-                "files)"
+                f"{path}: not a log: the folder holds no .mcap, .db3 or .bag file and no table"
             )
         for file in files:
             _check_is_bag(file)

@@ -50,7 +50,7 @@ class Gathered:
 def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
     """Convert one or several paths of files that make one log to a list.
 
-    A folder of tables stands for these.
+    A folder with a table stands for the bags and tables in it.
 
     Raises:
         ReplayError: there is no path, one is not UTF-8, or one is given twice.
@@ -61,7 +61,7 @@ def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
     for one in paths:
         if str(one) != str(one).encode("utf-8", "replace").decode():
             raise ReplayError(f"{str(one)!a}: the name is not UTF-8; rename the file")
-    paths = [file for one in paths for file in _tables_of(one) or [one]]
+    paths = [file for one in paths for file in _parts_of(one) or [one]]
     refuse_twice(paths, "log")
     return paths
 
@@ -71,15 +71,15 @@ def first_path(path: Path | str | Sequence[Path | str]) -> Path:
     return Path(path if isinstance(path, Path | str) else path[0])
 
 
-def _tables_of(folder: Path) -> list[Path]:
-    """Tables in a folder, ordered by name; none if it is a bag, or no folder."""
-    if not folder.is_dir():
+def _parts_of(folder: Path) -> list[Path]:
+    """Bags and tables in a folder with a table, by name; none if it is a ROS 2 bag."""
+    if not folder.is_dir() or (folder / "metadata.yaml").exists():
         return []
     with os_errors(folder, "cannot be read"):
-        files = sorted(folder.iterdir())
-    if any(file.name.endswith(BAG_SUFFIXES) for file in files):
-        return []
-    return [file for file in files if file.name.lower().endswith(TABLE_SUFFIXES)]
+        names = sorted(file.name for file in folder.iterdir())
+    tables = [name for name in names if name.lower().endswith(TABLE_SUFFIXES)]
+    bags = [name for name in names if name.endswith(BAG_SUFFIXES)]
+    return [folder / name for name in bags + tables] if tables else []
 
 
 def refuse_twice(names: Sequence[Path | str], what: str) -> None:

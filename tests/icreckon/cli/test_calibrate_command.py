@@ -207,7 +207,7 @@ def test_the_robot_file_keeps_all_of_its_tables(folder: Path) -> None:
         ({"paths": ["drive", "drive"]}, "given twice"),
         ({"lever_arm": "0.3"}, "two numbers in metres"),
         ({"models": "best,constant"}, "no model named 'best'"),
-        ({"paths": ["results"]}, "folder without metadata.yaml"),
+        ({"paths": ["results"]}, "the folder holds no .mcap, .db3 or .bag file"),
     ],
     ids=["robot", "twice", "lever", "model", "folder"],
 )
