@@ -87,7 +87,7 @@ def test_columns_have_a_latency_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize("latency", [float("nan"), 11.0])
 def test_nonsense_is_refused(latency: float) -> None:
     with pytest.raises(ReplayError, match="latency must be a number of seconds"):
-        topic_map(mapped(load_robot("marmotte"), imu=latency), "robot.toml")
+        topic_map(mapped(load_robot("marmotte"), imu=latency))
 
 
 @pytest.mark.parametrize(
