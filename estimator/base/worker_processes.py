@@ -62,19 +62,21 @@ def worker_processes(
 
     Args:
         count: number of processes.
-        begin: function that each calls first, with the arguments.
-        arguments: arguments of that function; also those that only a new process can inherit, as locks.
+        begin: function that each process calls first, with the arguments; None for none.
+        arguments: arguments of that function, among them locks and shared memory: a process can get
+            these only as it starts.
     """
     context = multiprocessing.get_context("spawn")
-    # Nothing is ever sent: the workers detect that this end is closed, also if this process dies.
+    # Nothing is ever sent: a worker that waits at `workers_end` exits when `own_end` is closed, as it is
+    # when this process dies.
     workers_end, own_end = context.Pipe(duplex=False)
-    other_children = multiprocessing.active_children()
+    children_before = multiprocessing.active_children()
     pool = _Pool(count, context, _begin, (workers_end, begin, arguments))
     try:
         yield pool
     except BaseException:
         for process in multiprocessing.active_children():
-            if process not in other_children:
+            if process not in children_before:
                 process.kill()
         pool.shutdown(cancel_futures=True)
         raise

@@ -145,10 +145,11 @@ def fast_slip_density(
         right_density: density of the error of the right track's speed [m²/s].
         white_time: white time of the slip, see `Slip` [s].
         sigma_w: standard deviation of the slip of w [rad/s].
-        gap_density: density of the change of stale speeds, of their mean and half difference [m²/s].
+        gap_density: density of the change of speeds in a gap of their measurements: of their mean, and
+            of their half difference [m²/s].
         slide_x_density: density of the forward speed of a robot that slides or is carried [m²/s].
         slide_y_density: density of the speed to the left of a robot that is carried [m²/s].
-        dt: length of the step, in which stale speeds add no more than `UNKNOWN_YAW` [s].
+        dt: length of the step [s].
     """
     x, y, w = by_speeds[0], by_speeds[1], by_speeds[2]
     xy = left_density * x[0] * y[0] + right_density * x[1] * y[1]
@@ -160,8 +161,9 @@ def fast_slip_density(
     yy += gap_density * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP) + slide_y_density
     ww = left_density * (w[0] * w[0]) + right_density * (w[1] * w[1])
     ww += 2.0 * white_time * (sigma_w * sigma_w)
-    turns = 2.0 * gap_density * (w[0] * w[0] + w[1] * w[1])
-    ww += turns * (UNKNOWN_YAW / max(UNKNOWN_YAW, turns * dt))
+    # Over the step, the gap adds no more to the variance of the yaw than `UNKNOWN_YAW`.
+    gap_density_w = 2.0 * gap_density * (w[0] * w[0] + w[1] * w[1])
+    ww += gap_density_w * (UNKNOWN_YAW / max(UNKNOWN_YAW, gap_density_w * dt))
     return (xx, xy, xw), (xy, yy, yw), (xw, yw, ww)
 
 

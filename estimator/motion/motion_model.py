@@ -84,10 +84,10 @@ class MotionModel(Protocol):
 
     @property
     def taught_by_imu(self) -> tuple[int, ...]:
-        """Places of the parameters that the IMU moves.
+        """Indices in p of the parameters that the filter corrects by the IMU.
 
-        The others are moved by fixes and body velocities alone: the IMU sees them through other errors
-        of the motion, and would attribute these to them.
+        Fixes and body velocities alone correct the others: the IMU would take other errors of the motion
+        for errors of these parameters.
         """
 
     def steering_efficiency(self, parameters: Any) -> float:

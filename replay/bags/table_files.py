@@ -211,23 +211,22 @@ def _read_parquet(path: Path) -> Read:
     from pyarrow.types import is_null, is_primitive
 
     with parquet.ParquetFile(path) as file:
-        groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
+        row_groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
         schema = file.schema_arrow
     _check_columns(len(schema.names))
-    texts = [field.name for field in schema if str(field.type).removeprefix("large_") in TEXTS]
-    # Besides, numbers and times, whose cells have one size, and empty columns.
-    kinds = {field.name: field.type for field in schema}
-    is_sized = {name: is_primitive(kind) or is_null(kind) for name, kind in kinds.items()}
-    read = [field.name for field in schema if is_sized[field.name] or field.name in texts]
+    types = {field.name: field.type for field in schema}
+    texts = [name for name, kind in types.items() if str(kind).removeprefix("large_") in TEXTS]
+    # Numbers and times have cells of one size; a column without any value has the type null.
+    sized = {name for name, kind in types.items() if is_primitive(kind) or is_null(kind)}
+    columns = [name for name in types if name in sized.union(texts)]
     # The stated size may be too small: a column of equal numbers takes hardly any bytes in a file.
-    cells = sum(group.num_rows for group in groups) * len(read)
-    size = max(sum(group.total_byte_size for group in groups), cells * CELL_BYTES)
+    cells = sum(group.num_rows for group in row_groups) * len(columns)
+    size = max(sum(group.total_byte_size for group in row_groups), cells * CELL_BYTES)
     if size > max(limit(), path.stat().st_size):
         raise too_large("the table", limit())
     with parquet.ParquetFile(path, read_dictionary=texts, pre_buffer=False) as file:
-        table = file.read(columns=read, use_threads=False)
-    others = {field.name: str(field.type) for field in schema if field.name not in read}
-    return table, others, []
+        table = file.read(columns=columns, use_threads=False)
+    return table, {name: str(kind) for name, kind in types.items() if name not in columns}, []
 
 
 def _check_columns(count: int) -> None:

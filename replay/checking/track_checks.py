@@ -447,7 +447,7 @@ def _track_settings(robot: Robot, eta0: float) -> dict[str, float | list[float]]
 
 
 def _with_track(robot: Robot, gauge: float, eta0: float) -> Robot:
-    """Robot with the effective track gauge * eta0, which constant ICRs would overrule."""
+    """Robot with this gauge and eta0, without constant ICRs, which would overrule eta0."""
     vehicle = structs.replace(robot.vehicle, track_gauge=gauge)
     indices = structs.replace(robot.indices, eta0=eta0)
     return structs.replace(robot, vehicle=vehicle, indices=indices, constant_icr=None)

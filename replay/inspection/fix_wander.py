@@ -104,26 +104,35 @@ def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | st
     white_fit = _fit(windows, None)
     fits = {(time, ratio): _fit(windows, (time, ratio)) for time in TIMES for ratio in RATIOS}
     time, ratio = max(fits, key=lambda model: fits[model].likelihood)
-    best_fit = fits[time, ratio]
-    best = best_fit.likelihood
-    losses = {span: best - max(fits[span, share].likelihood for share in RATIOS) for span in TIMES}
-    good_times = [span for span in TIMES if 2.0 * losses[span] <= AS_GOOD]
-    times = good_times[0], good_times[-1]
-    if 2.0 * (best - white_fit.likelihood) < CLEAR:
-        white, reason = float(np.sqrt(white_fit.variance)), "white noise alone explains them"
-        return FixWanderEstimate(white, 0.0, time, times, reason)
+    best_fit, times = fits[time, ratio], _times_as_good(fits)
+    if 2.0 * (best_fit.likelihood - white_fit.likelihood) < CLEAR:
+        white = float(np.sqrt(white_fit.variance))
+        return FixWanderEstimate(white, 0.0, time, times, "white noise alone explains them")
+    # The fixes wander, or odometry does.
     sigma = float(np.sqrt(best_fit.variance))
-    white, stated = ratio * sigma, float(np.sqrt(np.median(log.fixes.variances[:, 0])))
+    white = ratio * sigma
+    stated = float(np.sqrt(np.median(log.fixes.variances[:, 0])))
+    is_stated = STATED * white < stated and sigma < STATED_AT_MOST * stated
     driven = _distance_driven(windows, max(time, SLOWEST_SLIP))
     exceeds_odometry = sigma >= ODOMETRY_ERROR * driven
-    is_stated = STATED * white < stated and sigma < STATED_AT_MOST * stated
     reason = ""
     if times[0] > 0.5 * WINDOW:
         reason = f"it changes too slowly for spans of {WINDOW:.0f} s, as errors of odometry do"
     elif not (exceeds_odometry or is_stated):
         reason = f"odometry may be off by as much over {driven:.0f} m of driving"
-    evidence = None if reason or exceeds_odometry else stated
-    return FixWanderEstimate(white, sigma, time, times, reason, evidence)
+    is_only_stated = not reason and not exceeds_odometry
+    return FixWanderEstimate(white, sigma, time, times, reason, stated if is_only_stated else None)
+
+
+def _times_as_good(fits: dict[tuple[float, float], _Fit]) -> tuple[float, float]:
+    """Shortest and longest correlation time that fit about as well as the best [s].
+
+    `fits` has a fit for each pair of `TIMES` and `RATIOS`.
+    """
+    best = max(fit.likelihood for fit in fits.values())
+    losses = {time: best - max(fits[time, ratio].likelihood for ratio in RATIOS) for time in TIMES}
+    as_good = [time for time in TIMES if 2.0 * losses[time] <= AS_GOOD]
+    return as_good[0], as_good[-1]
 
 
 def _cut_windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:

@@ -126,14 +126,15 @@ def _distance_ratio(
 
 def standstills(log: Log) -> list[tuple[float, float]]:
     """Standstills of a second or more: (start, end) since the log's start [s]."""
-    if not len(log.tracks.stamps):
+    stamps = log.tracks.stamps
+    if not len(stamps):
         return []
-    stops, margin = [], imu_mounting.STILL_MARGIN
-    is_still = imu_mounting.standstill(log.tracks, log.tracks.stamps)
-    for rows in imu_mounting.true_runs(is_still):
-        first, last = (log.tracks.stamps[rows] - log.start) * NANOSECOND
-        # The mask leaves out a margin at each end, so that a stop of two of them is the shortest.
-        stops.append((max(0.0, float(first) - margin), float(last) + margin))
+    # The mask leaves out half a second at each end of a stop, and so all of a stop under a second.
+    is_still, margin = imu_mounting.standstill(log.tracks, stamps), imu_mounting.STILL_MARGIN
+    stops = []
+    for first_and_last in imu_mounting.true_runs(is_still):
+        start, end = ((stamps[first_and_last] - log.start) * NANOSECOND).tolist()
+        stops.append((max(0.0, start - margin), end + margin))
     return stops
 
 

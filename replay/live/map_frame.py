@@ -39,10 +39,11 @@ class MapFrame:
 
     def __init__(self, start: Placed | None = None) -> None:
         self.estimator: PoseEstimator | None = None
-        self._heading: HeadingFix | None = None
-        # Positions without a heading, and the pose in `odom` at each.
+        self._heading: HeadingFix | None = None  # newest one before the estimator starts
+        # Positions without a heading before that, and the pose in `odom` at each.
         self._waiting: deque[tuple[PositionFix, Floats]] = deque(maxlen=MOST_WAITING)
-        self._start = self._placed = start
+        self._start = start  # pose to which `restart` returns
+        self._placed = start  # pose to start at with the next measurements, then None
 
     def place(self, placed: Placed) -> None:
         """Start again at a pose with the next measurements; what was learnt is kept."""

@@ -159,22 +159,27 @@ class LiveOdometry:
     ) -> list[LiveEstimate]:
         """Process a message; return new estimates, in the order of their stamps.
 
-        The message has the attributes of its type, as "sensor_msgs/msg/Imu", and came on one of
-        `inputs.subscriptions()`. `arrival` is its time of arrival [ns], `steady` that by a clock that
-        nobody sets, which shows header stamps that jump ahead [ns]; None for `arrival`.
+        Args:
+            subscription: one of `inputs.subscriptions()`, on which the message came.
+            msgtype: its type, such as "sensor_msgs/msg/Imu".
+            message: the message: any object with the attributes of that type.
+            arrival: its time of arrival [ns].
+            steady: its time of arrival by a clock that nobody sets, which shows whether header stamps
+                jump ahead [ns]; None for `arrival`.
 
         Raises:
             ReplayError: the type cannot be read for this stream.
         """
         measurements = self.inputs.take(subscription, msgtype, message, arrival, steady)
-        before: list[LiveEstimate] = []
-        # What is held has stamps from before the step.
-        if step := self.inputs.clock_step:
-            before = list(self._estimates(self._buffer.take_all()))
-            self.odom.set_clock(step)
+        estimates: list[LiveEstimate] = []
+        clock_step = self.inputs.clock_step
+        if clock_step:
+            # Measurements in the buffer have stamps from before the step: they go first.
+            estimates.extend(self._estimates(self._buffer.take_all()))
+            self.odom.set_clock(clock_step)
             if self.map is not None:
-                self.map.set_clock(step)
-        return before + self._process(measurements)
+                self.map.set_clock(clock_step)
+        return estimates + self._process(measurements)
 
     def flush(self, now: int) -> list[LiveEstimate]:
         """Process what waits although no more messages come, at `now` by their clock [ns]."""

@@ -188,19 +188,19 @@ def _in_reach(bounds: Any, limit: float) -> Any:
 
 def _draw_yaw_errors(axes: Axes, results: Results) -> None:
     """Draw yaw errors of the detailed variants with their 3-sigma bounds."""
-    series, detailed = results["series"], _detailed(results)
-    time = series["t_s"]
+    time, variants = results["series"]["t_s"], results["series"]["variants"]
+    names = _detailed(results)
+    errors = [np.degrees(floats(variants[name]["yaw_error_rad"])) for name in names]
+    bounds = [3.0 * np.degrees(floats(variants[name]["yaw_sigma_rad"])) for name in names]
+    # The axis shows all errors, and bounds up to five times these.
+    largest_error = max(float(np.nanmax(np.abs(error))) for error in errors)
+    largest = max(largest_error, _widest(bounds, 5.0 * largest_error))
+    limit = min(max(1.15 * largest, LEAST_YAW_ERROR), LARGEST_YAW_ERROR)
     _shade_outages(axes, results)
-    shown = [series["variants"][name] for name in detailed]
-    errors = [np.degrees(floats(columns["yaw_error_rad"])) for columns in shown]
-    bounds = [3.0 * np.degrees(floats(columns["yaw_sigma_rad"])) for columns in shown]
-    largest = max(float(np.nanmax(np.abs(values))) for values in errors)
-    limit = max(1.15 * max(largest, _widest(bounds, 5.0 * largest)), LEAST_YAW_ERROR)
-    limit = min(limit, LARGEST_YAW_ERROR)
-    for name, error, bound in zip(detailed, errors, bounds, strict=True):
-        axes.plot(time, error, color=colour_of(name), lw=1.3)
-        reached = _in_reach(bound, limit)
-        axes.fill_between(time, -reached, reached, color=colour_of(name), alpha=0.13, lw=0)
+    for name, error, bound in zip(names, errors, bounds, strict=True):
+        colour, drawn_bound = colour_of(name), _in_reach(bound, limit)
+        axes.plot(time, error, color=colour, lw=1.3)
+        axes.fill_between(time, -drawn_bound, drawn_bound, color=colour, alpha=0.13, lw=0)
     axes.set(ylim=(-limit, limit), title="yaw error [deg]")
 
 

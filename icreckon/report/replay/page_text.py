@@ -17,6 +17,7 @@ CHECK_HINT = "icreckon check says what each of these costs, and what to set"
 NEES = ("nees_pose_mean", "nees_position_mean")
 # Share of the least drift from which noise of the truth is named, and ratio of the errors at the end.
 MUCH_NOISE, TENFOLD = 0.4, 10.0
+LEAST_END_ERROR = 1.0  # smaller errors at the end are not compared [m]
 
 
 def page_title(results: Results) -> str:
@@ -63,13 +64,15 @@ def noise_text(results: Results) -> str:
 
 
 def ends_text(results: Results) -> str:
-    """Errors at the end, if those of the variants differ tenfold."""
-    ends = _known(results["variants"], "final_position_error_m")
-    if not ends or max(ends.values()) < max(1.0, TENFOLD * min(ends.values())):
+    """Least and largest position error at the end, if they differ tenfold."""
+    errors = _known(results["variants"], "final_position_error_m")
+    if not errors or max(errors.values()) < max(LEAST_END_ERROR, TENFOLD * min(errors.values())):
         return ""
-    ordered = sorted((end, name) for name, end in ends.items())
-    least, most = (f"{name} is {number(end)} m off" for end, name in (ordered[0], ordered[-1]))
-    return f"At the end the variants differ more: {least}, {most}."
+    ordered = sorted((error, name) for name, error in errors.items())
+    least, largest = (
+        f"{name} is {number(error)} m off" for error, name in (ordered[0], ordered[-1])
+    )
+    return f"At the end the variants differ more: {least}, {largest}."
 
 
 def bias_text(results: Results) -> str:
