@@ -117,7 +117,7 @@ def _scratches(path: Path) -> list[Path]:
     """Temporary folders of an output at a path."""
     name = re.compile(rf"\.{re.escape(path.name)}\.[a-z0-9_]{{8}}")
     try:
-        return [one for one in path.parent.iterdir() if name.fullmatch(one.name)]
+        return [place for place in path.parent.iterdir() if name.fullmatch(place.name)]
     except OSError:
         return []
 
@@ -135,11 +135,8 @@ def _remove_abandoned(path: Path) -> None:
 
 def _files(folder: Path) -> set[str]:
     """Paths of the files in a folder, relative to it."""
-    return {
-        one.relative_to(folder).as_posix()
-        for one in folder.rglob("*")
-        if one.is_symlink() or not one.is_dir()
-    }
+    places = (place for place in folder.rglob("*") if place.is_symlink() or not place.is_dir())
+    return {place.relative_to(folder).as_posix() for place in places}
 
 
 def _copy_foreign(former: Path, new: Path) -> None:

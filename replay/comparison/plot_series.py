@@ -235,7 +235,8 @@ def _nearest(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
 
 def _columns(names: Sequence[str], values: Floats, decimals: int | None = None) -> Results:
     """Columns of a table (n, k), rounded, by their names."""
-    return {name: _rounded(one, decimals) for name, one in zip(names, values.T, strict=True)}
+    columns = zip(names, values.T, strict=True)
+    return {name: _rounded(column, decimals) for name, column in columns}
 
 
 def _rounded(values: ArrayLike, decimals: int | None = None) -> list[float | None]:

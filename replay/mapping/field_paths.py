@@ -15,14 +15,12 @@ STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
 def field_getter(path: str) -> Callable[[Any], float]:
     """Build a getter of a field of a message as a number.
 
-    The getter raises `ReplayError` if a field is missing or not a number, and IndexError if an array
-    is too short.
-
     Args:
         path: names separated by dots, and indices of arrays.
 
     Raises:
-        ReplayError: the path is invalid.
+        ReplayError: the path is invalid. The getter raises it if a field is missing or not a number, and
+            IndexError if an array is too short.
     """
     steps: list[str | int] = []
     position = 0

@@ -5,17 +5,12 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 
-Origin = tuple[
-    float, float, float
-]  # latitude, longitude [deg], altitude [m], on the WGS 84 ellipsoid
+# Latitude, longitude [deg], altitude [m], on the WGS 84 ellipsoid.
+Origin = tuple[float, float, float]
 
 
 def check_origin(origin: Origin | None) -> None:
-    """Refuse an origin that is not on the globe.
-
-    Raises:
-        ValueError: a coordinate is not finite or out of range.
-    """
+    """Raise a ValueError if an origin is not on the globe, or not finite."""
     if origin is None:
         return
     if not (np.isfinite(origin).all() and abs(origin[0]) <= 90.0 and abs(origin[1]) <= 360.0):

@@ -58,7 +58,7 @@ class JointReader:
             mapped = [name for name in self.joints if name in names]
             places = self._places[names] = {name: names.index(name) for name in mapped}
         values = message.position if self.positions else message.velocity
-        row = (float(values[places[one]]) if one in places else NAN for one in self.joints)
+        row = (float(values[places[name]]) if name in places else NAN for name in self.joints)
         return tuple(row) if places else None
 
 
@@ -69,8 +69,8 @@ def side_readers(
 
     def padded(read: RowReader) -> RowReader:
         def row(message: Any) -> Row | None:
-            found = read(message)
-            return None if found is None else (*[NAN] * before, *found, *[NAN] * after)
+            values = read(message)
+            return None if values is None else (*[NAN] * before, *values, *[NAN] * after)
 
         return row
 
@@ -124,12 +124,8 @@ POSE_READERS: dict[str, RowReader] = {
 }
 POSE_WIDTH = 12
 """Rows x, y, q_x, q_y, q_z, q_w, variance of position and of yaw, v_x, v_y, w, z; NaN for none."""
-QUATERNION, VARIANCES, TWIST, Z = (
-    slice(2, 6),
-    slice(6, 8),
-    slice(8, 11),
-    11,
-)  # columns of these rows
+# Columns of these rows.
+QUATERNION, VARIANCES, TWIST, Z = slice(2, 6), slice(6, 8), slice(8, 11), 11
 
 PLANAR = 1e-6  # truths with a smaller range of z [m], roll and pitch [rad] are planar
 

@@ -31,9 +31,8 @@ ROUNDING = 2e3  # largest error of a stamp by its binary digits [ns]
 SAMPLED, PLAUSIBLE_STEPS_S = ("tracks", "imu"), (5e-5, 5.0)
 """Streams of a robot's own sensors, and shortest and longest time between their samples [s]."""
 MOST_REPEATED = 0.05  # share of repeated stamps that is reported
-LARGEST_TIME = (
-    2.0**62
-)  # times from here on are damage: differences of them overflow int64 nanoseconds
+# Times from here on are damage: differences of them overflow int64 nanoseconds.
+LARGEST_TIME = 2.0**62
 NUMBER_OR_EMPTY = r"^\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|NaN|NAN|Inf))?\s*$"
 """Cells of a column of texts that are numbers."""
 
@@ -55,7 +54,7 @@ def _kind(kind: Any) -> Any:
 
 
 class Table:
-    """A table file.
+    """A table file; a ReplayError if it cannot be read, or two columns share a name.
 
     Attributes:
         path: the file.
@@ -64,12 +63,6 @@ class Table:
     """
 
     def __init__(self, path: Path) -> None:
-        """Read the file.
-
-        Raises:
-            ReplayError: it cannot be read, is empty or beyond the limits of `read_table`, or two
-                columns share a name.
-        """
         import pyarrow as pa
 
         self.path = path
@@ -294,11 +287,7 @@ def _wrong_unit(column: str, stamps: Stamps) -> str | None:
 
 
 def _coarse(column: str, stamps: Stamps) -> str | None:
-    """Note on stamps (n,) that repeat for too few digits, None if they do not.
-
-    Raises:
-        EqualStampsError: all are equal.
-    """
+    """Note on stamps (n,) with too few digits; an EqualStampsError if all are equal."""
     times = np.unique(stamps)
     rounded = ((step, np.round(times / step) * step) for step in RESOLUTIONS)
     fits = (step for step, grid in rounded if np.abs(times - grid).max(initial=0) < ROUNDING)
@@ -340,12 +329,7 @@ def _rows(spec: Columns, values: Floats) -> tuple[str, Floats]:
     if isinstance(spec, ImuColumns):
         return COLUMNS, imu_rows(spec, values)
     if isinstance(spec, HeadingColumns):
-        return COLUMNS, _heading_rows(spec, values)
+        yaw = values[:, 0] * RADIANS[spec.unit]
+        yaw = 0.5 * np.pi - yaw if spec.clockwise else yaw
+        return COLUMNS, np.column_stack([yaw, np.full(len(yaw), spec.sigma**2)])
     return (NAVSATFIX if spec.latitude else COLUMNS), pose_rows(spec, values)
-
-
-def _heading_rows(spec: HeadingColumns, values: Floats) -> Floats:
-    yaw = values[:, 0] * RADIANS[spec.unit]
-    if spec.clockwise:
-        yaw = 0.5 * np.pi - yaw
-    return np.column_stack([yaw, np.full(len(yaw), spec.sigma**2)])

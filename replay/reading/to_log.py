@@ -115,7 +115,7 @@ class _Assembly:
             truth=truth,
             dropped=dict(self.dropped),
             notes=tuple(self.notes),
-            others=tuple(sorted(others, key=lambda one: one.stamp)),
+            others=tuple(sorted(others, key=lambda other: other.stamp)),
             origin=self._origin if is_geodetic else None,
         )
 
@@ -317,10 +317,8 @@ class _Assembly:
                 "sigma [rad] in [log.heading]"
             )
         keep = self._screened(stream, stamps, yaw, positive=variances)
-        rows_kept = zip(
-            stamps[keep].tolist(), yaw[keep].tolist(), variances[keep].tolist(), strict=True
-        )
-        return tuple(HeadingFix(stamp, angle, variance) for stamp, angle, variance in rows_kept)
+        columns = stamps[keep].tolist(), yaw[keep].tolist(), variances[keep].tolist()
+        return tuple(map(HeadingFix, *columns))
 
     def _truth(self, stream: Stream, streams: dict[str, Stream]) -> series.Truth | None:
         spec = self._spec(stream)
@@ -338,23 +336,21 @@ class _Assembly:
         if spatial is not None:
             # As that of the filters, the height begins at zero.
             spatial[:, 0] -= spatial[0, 0]
-        body = None
+        body, true_tracks = None, streams.get("truth tracks")
         if twist_stream := streams.get("truth twist"):
-            body = self._twists(twist_stream)
+            twist_stamps, true_twists = self._arrays(twist_stream, 3)
+            usable = self._screened(twist_stream, twist_stamps, true_twists)
+            if usable.any():
+                body = series.TwistSeries(twist_stamps[usable], true_twists[usable])
         elif np.isfinite(twists[keep]).all():
             body = series.TwistSeries(stamps[keep], twists[keep])
         return series.Truth(
             poses=series.PoseSeries(stamps[keep], poses[keep], spatial),
             twists=body,
-            tracks=self._tracks(one) if (one := streams.get("truth tracks")) else None,
+            tracks=self._tracks(true_tracks) if true_tracks else None,
             source=self.gathered.truth_source or spec.source or stream.topic,
             headings=headings,
         )
-
-    def _twists(self, stream: Stream) -> series.TwistSeries | None:
-        stamps, rows = self._arrays(stream, 3)
-        keep = self._screened(stream, stamps, rows)
-        return series.TwistSeries(stamps[keep], rows[keep]) if keep.any() else None
 
 
 def _wrap_notes(rows: Floats, mapped: TrackTopic | TrackColumns) -> Iterator[str]:
