@@ -59,13 +59,9 @@ def read_toml(path: Path, error: type[IcreckonError]) -> dict[str, Any]:
 
 
 def convert(data: dict[str, Any], kind: type[T], source: str, error: type[IcreckonError]) -> T:
-    """Convert plain data to a checked structure.
+    """Convert nested dictionaries, as read from TOML, to a checked msgspec structure.
 
-    Args:
-        data: nested dictionaries, as read from TOML.
-        kind: the msgspec structure to make.
-        source: file name or option, for messages.
-        error: the error class to raise.
+    `source` is the file name or option, for messages.
 
     Raises:
         error: an unknown key (the message names the nearest valid one), a wrong type or a bad value.

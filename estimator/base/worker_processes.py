@@ -60,10 +60,7 @@ def worker_processes(
 ) -> Iterator[ProcessPoolExecutor]:
     """Open a pool of processes; kill them if the block raises, or this process dies.
 
-    Args:
-        count: number of processes.
-        begin: function that each calls first, with the arguments.
-        arguments: arguments of that function; also those that only a new process can inherit, as locks.
+    Each calls `begin` first, with `arguments`: also those that only a new process can inherit, as locks.
     """
     context = multiprocessing.get_context("spawn")
     # Nothing is ever sent: the workers detect that this end is closed, also if this process dies.

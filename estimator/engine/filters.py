@@ -289,8 +289,8 @@ def _kernels(
 ) -> LaneKernels:
     """Compile the kernels of a run, or load them.
 
-    `moves` has 1 if steps without an IMU sample are ticks, 0 if others are; `positions` and `headings`
-    have the times of such fixes, see `time_of_fix`.
+    `moves` are 1 for steps without an IMU sample that are ticks, 0 for others; `positions` and `headings`
+    are each `time_of_fix`.
     """
     usual, move = StepKind(accelerometer=uses_force), StepKind(imu=False, accelerometer=False)
     steps = move, move.reporting()

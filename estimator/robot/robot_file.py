@@ -240,14 +240,8 @@ class Slip(Bounded, frozen=True):
 def slip_components(V_l: Any, V_r: Any, slip: Slip, effective_gauge: float) -> tuple[Any, Any, Any]:
     """Standard deviations of the slip residual of v_x, v_y, w (REP-103), see `Slip`.
 
-    Args:
-        V_l: speed of the left track [m/s], (n,) or a float.
-        V_r: speed of the right track [m/s], (n,) or a float.
-        slip: shares of turning and driving.
-        effective_gauge: L eta0 [m].
-
-    Returns:
-        Three (n,) or floats [m/s, m/s, rad/s].
+    Track speeds V_l and V_r [m/s] are floats or (n,), as are the results [m/s, m/s, rad/s];
+    `effective_gauge` is L eta0 [m].
     """
     turning, driving = abs(V_r - V_l), 0.5 * abs(V_l + V_r)
     return (
@@ -464,7 +458,7 @@ def require_robot(robot: object) -> None:
     """Reject an argument that is not a `Robot`, such as the path of its file.
 
     Raises:
-        EstimatorError: it is not a `Robot`; the message gives the call that loads one.
+        EstimatorError: it is not; the message gives the call that loads one.
     """
     if not isinstance(robot, Robot):
         argument = f"{str(robot)!r}" if isinstance(robot, str | Path) else "path"

@@ -142,8 +142,7 @@ def _files(folder: Path) -> set[str]:
 def _copy_foreign(former: Path, new: Path) -> None:
     """List the files of a new folder; copy to it what a person put into the former.
 
-    A file whose name is taken keeps its content under its name with ".kept". A former folder without a
-    list has no foreign files.
+    A file whose name is taken gets the suffix ".kept". A former folder without a list has no such files.
     """
     (new / MANIFEST).write_text("\n".join(sorted(_files(new))) + "\n", encoding="utf-8")
     if not (former / MANIFEST).is_file():

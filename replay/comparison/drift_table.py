@@ -49,11 +49,7 @@ def drift_scores(drifts: Mapping[str, PairedDrift], name: str, baseline: str) ->
 
 
 def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
-    """Name the filter with the least drift, and those not significantly worse.
-
-    Returns:
-        The verdict, or None if no stretch is long enough for a score.
-    """
+    """Name the filter with the least drift, and those not worse; None without scores."""
     labels = [label for label in VERDICT_HORIZONS if len(drifts[label].distances)]
     if not labels:
         return None

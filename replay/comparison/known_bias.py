@@ -39,9 +39,9 @@ class KnownBias:
 def known_bias(run: Run, log: Log, robot: Robot, within: list[tuple[int, int]]) -> KnownBias | None:
     """Estimate from the truth the gyro bias that `gyro` could not learn.
 
-    The log must hold the aligned truth, with its own headings or those of its path. `within` are the
-    scored intervals of stamps [ns]. None if `gyro` learnt its bias in nearly all of them, if the truth
-    shows none, one larger than `LARGEST`, or none that differs significantly from the used one.
+    The log must hold the aligned truth; `within` are the scored intervals of stamps [ns]. None if `gyro`
+    learnt its bias in nearly all of them, or if the truth shows no bias that differs significantly from
+    the used one, or one larger than `LARGEST`.
     """
     if log.truth is None or log.imu is None:
         return None

@@ -90,19 +90,18 @@ class TruthAlignment:
 def align_truth(
     truth: Truth, reckoned: Trajectory, *, imu: ImuSeries | None = None
 ) -> TruthAlignment:
-    """Estimate and remove lag and lever arm of a truth.
+    """Estimate and remove lag and lever arm of a truth, by dead reckoning at its time.
 
     A filter uses each sample of the gyro for the step that ends with it, so its headings are half an
     interval of the IMU ahead. This lead is removed, too, but the reported lag does not include it.
 
     Args:
         truth: poses of some point of the robot, late by an unknown lag.
-        reckoned: dead reckoning over the same time.
+        reckoned: the dead reckoning.
         imu: the IMU that it is from, None for tracks alone.
 
     Returns:
-        The alignment; no lag or zero lever arm if not observable (log too short, no turning). A truth
-        without headings stays without them if the robot moves too little to see any.
+        The alignment; no lag, zero lever arm, or no headings, if they are not observable.
     """
     path = reckoned.pose_series
     gyro_lead = 0.0

@@ -70,14 +70,10 @@ def number_paths(message: Any, depth: int = 3) -> list[str]:
 def field_reader(
     names: Sequence[str], make: Callable[[Floats], Floats] | None = None
 ) -> Callable[[Any], tuple[float, ...]]:
-    """Build a reader of a message: a row made of some of its fields.
+    """Build a reader of a message: a row made of the fields at some paths.
 
     The paths are read with the first message: of a topic of JointState they are names of joints, which
-    may have any characters.
-
-    Args:
-        names: paths of the fields.
-        make: function from the values (1, k) to the rows (1, m); None for the values themselves.
+    may have any characters. `make` converts the values (1, k) to rows (1, m).
     """
     getters: list[Callable[[Any], float]] = []
 

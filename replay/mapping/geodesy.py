@@ -33,10 +33,8 @@ def on_globe(places: Floats) -> NDArray[np.bool_]:
 def east_north(places: Floats, origin: Origin) -> Floats:
     """Convert geodetic places to (n, 2) metres east and north of an origin.
 
-    Args:
-        places: (n, 3) latitude, longitude [deg], altitude [m]; an altitude of NaN is replaced by
-            the origin's.
-        origin: point at which the plane is tangent to the ellipsoid.
+    `places` (n, 3) are latitude, longitude [deg], altitude [m]; for an altitude of NaN that of the origin
+    is used, at which the plane is tangent to the ellipsoid.
     """
     from pymap3d import geodetic2enu
 
@@ -48,12 +46,7 @@ def east_north(places: Floats, origin: Origin) -> Floats:
 def degrees(places: Floats, origin: Origin) -> Floats:
     """Convert metres east and north of an origin to latitude and longitude [deg].
 
-    Args:
-        places: (n, 2) east and north [m], as of `east_north`, at the altitude of the origin.
-        origin: point at which the plane is tangent to the ellipsoid.
-
-    Returns:
-        (n, 2) latitude, longitude.
+    `places` (n, 2) and the result (n, 2) are at the altitude of the origin, as of `east_north`.
     """
     from pymap3d import enu2geodetic
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -26,7 +27,7 @@ from icreckon.replay.mapping.topics import (
 from icreckon.replay.mapping.track_units import COUNTER_UNITS
 from icreckon.replay.reading import message_rows
 from icreckon.replay.reading.conversions import imu_reader, imu_rows, pose_rows
-from icreckon.replay.reading.stream import RowReader, Stream
+from icreckon.replay.reading.stream import Stream
 from icreckon.replay.reading.tables import Table, table_streams, wanted_columns
 from icreckon.replay.reading.tf import TransformStream
 
@@ -48,20 +49,18 @@ class Gathered:
 
 
 def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
-    """Convert one or several paths of files that make one log to a list.
-
-    A folder of tables stands for these.
+    """Convert one or several paths to a list; a folder of tables stands for these.
 
     Raises:
         ReplayError: there is no path, one is not UTF-8, or one is given twice.
     """
-    paths = [Path(path)] if isinstance(path, Path | str) else [Path(one) for one in path]
+    paths = [Path(path)] if isinstance(path, Path | str) else list(map(Path, path))
     if not paths:
         raise ReplayError("no log: give at least one file")
-    for one in paths:
-        if str(one) != str(one).encode("utf-8", "replace").decode():
-            raise ReplayError(f"{str(one)!a}: the name is not UTF-8; rename the file")
-    paths = [file for one in paths for file in _tables_of(one) or [one]]
+    for name in map(str, paths):
+        if name != name.encode("utf-8", "replace").decode():
+            raise ReplayError(f"{name!a}: the name is not UTF-8; rename the file")
+    paths = [file for named in paths for file in _tables_of(named) or [named]]
     refuse_twice(paths, "log")
     return paths
 
@@ -83,11 +82,7 @@ def _tables_of(folder: Path) -> list[Path]:
 
 
 def refuse_twice(names: Sequence[Path | str], what: str) -> None:
-    """Refuse a list of files that names one twice, also by links.
-
-    Raises:
-        ReplayError: a file is named twice.
-    """
+    """Raise a ReplayError if a list of files names one twice, also by links."""
     seen = set()
     for name in names:
         place = os.path.realpath(name)
@@ -195,7 +190,7 @@ def _of_table(path: Path, mapping: TopicMap) -> Gathered:
     part = Gathered(str(path), mapping)
     part.notes = list(table.notes)
     part.streams = {stream.purpose: stream for stream in table_streams(table, mapping.columns)}
-    part.found = Counter({f"{path.name}: {one.name}": len(table) for one in table.columns})
+    part.found = Counter({f"{path.name}: {column.name}": len(table) for column in table.columns})
     return part
 
 
@@ -233,28 +228,18 @@ def wanted_streams(
 ) -> Iterator[Stream]:
     """Yield the streams of a mapping, still empty."""
 
-    def stream(
-        purpose: str,
-        topic: str,
-        time: Clock,
-        readers: dict[str, RowReader],
-        any_reader: RowReader | None = None,
-    ) -> Stream:
-        return Stream(purpose, topic, source, time, readers, any_reader, definitions)
+    def stream(purpose: str, topic: str, time: Clock, readers: Any, other: Any = None) -> Stream:
+        return Stream(purpose, topic, source, time, readers, other, definitions)
 
     def pose_stream(purpose: str, mapped: FixTopic | TruthTopic) -> Stream:
         if mapped.frames is not None:
+            topic, time, frames = mapped.topic, mapped.time, mapped.frames
             return TransformStream(
-                purpose,
-                mapped.topic,
-                source,
-                mapped.time,
-                definitions=definitions,
-                frames=mapped.frames,
+                purpose, topic, source, time, definitions=definitions, frames=frames
             )
         if isinstance(mapped, FixTopic) and mapped.names:
             by_field = field_reader(mapped.names, partial(pose_rows, mapped))
-            return stream(purpose, mapped.topic, mapped.time, readers={}, any_reader=by_field)
+            return stream(purpose, mapped.topic, mapped.time, {}, by_field)
         readers = message_rows.POSE_READERS | message_rows.GEODETIC_READERS
         return stream(purpose, mapped.topic, mapped.time, readers)
 
@@ -318,13 +303,12 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
         if purpose in result.streams:
             continue
         if purpose == "tracks":
-            remedy = "Correct the robot file's [log.columns.tracks], or leave that table out"
-            if bags:
-                remedy = (
-                    "Name the right one in the robot file's [log.tracks], or leave that table out"
-                )
+            remedy = "Name the right one in the robot file's [log.tracks]"
+            if not bags:
+                remedy = "Correct the robot file's [log.columns.tracks]"
             raise ReplayError(
-                f"{result.source}: {' and '.join(texts)}; there is {available}. {remedy}"
+                f"{result.source}: {' and '.join(texts)}; there is {available}. {remedy}, or leave that "
+                "table out"
             )
         result.notes.append(f"{OF_ROBOT_FILE}{' and '.join(texts)}; there is {available}")
 

@@ -82,24 +82,22 @@ class _Assembly:
         for purpose, choice in self.clocks.items():
             if not choice.by_default:
                 self.notes.append(f"{purpose} by the time of recording: {choice.reason}")
-        stamps = [self._ordered(streams[one])[0] for one in OVERLAID if one in streams]
+        stamps = [self._ordered(streams[purpose])[0] for purpose in OVERLAID if purpose in streams]
         if sum(map(len, stamps)):
             # The rest is by clocks that are not set.
-            self._part = largest_part(np.sort(np.concatenate(stamps)))
-            inside = [one[(one >= self._part[0]) & (one <= self._part[1])] for one in stamps]
-            self._span = (
-                min(int(one[0]) for one in inside if len(one)),
-                max(int(one[-1]) for one in inside if len(one)),
-            )
+            first, last = self._part = largest_part(np.sort(np.concatenate(stamps)))
+            inside = [times[(times >= first) & (times <= last)] for times in stamps]
+            inside = [times for times in inside if len(times)]
+            self._span = min(int(t[0]) for t in inside), max(int(t[-1]) for t in inside)
         self._find_overlaid(stamps)
-        tracks = self._tracks(one) if (one := streams.get("tracks")) else None
+        tracks = self._tracks(stream) if (stream := streams.get("tracks")) else None
         if tracks is None:
             self.notes.append("no track speeds: the robot file maps no topic for them")
             tracks = series.TrackSpeedSeries(np.empty(0, np.int64), np.empty((0, 2)))
-        imu = self._imu(one) if (one := streams.get("imu")) else None
-        fixes = self._fixes(one) if (one := streams.get("fixes")) else None
-        headings = self._headings(one) if (one := streams.get("heading")) else ()
-        truth = self._truth(one, streams) if (one := streams.get("truth")) else None
+        imu = self._imu(stream) if (stream := streams.get("imu")) else None
+        fixes = self._fixes(stream) if (stream := streams.get("fixes")) else None
+        headings = self._headings(stream) if (stream := streams.get("heading")) else ()
+        truth = self._truth(stream, streams) if (stream := streams.get("truth")) else None
         for stream in streams.values():
             for reason, count in stream.lost.items():
                 self.dropped[f"{stream.purpose}: {reason}"] += count
@@ -281,7 +279,7 @@ class _Assembly:
     def _geodetic(
         self, stream: Stream, origin: tuple[float, float, float] | None
     ) -> tuple[Stamps, Floats, Floats, Floats]:
-        """Convert a geodetic stream to stamps, poses, variances, heights; note the origin.
+        """Stamps, poses, variances, heights of a geodetic stream; notes the origin.
 
         A truth without an origin of its own has that of the fixes, so that both share a frame.
         """

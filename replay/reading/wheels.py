@@ -66,7 +66,7 @@ def of_sides(
         fastest: highest speed of a track [m/s].
 
     Returns:
-        Track speeds, which include the wheels' speeds if any disagree, and notes on wheels that do.
+        Track speeds, with the wheels' speeds if any disagree, and notes on wheels that do.
     """
     means = mean_of_sides(speeds, left_count)
     left, right = speeds[:, :left_count], speeds[:, left_count:]

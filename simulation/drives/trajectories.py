@@ -59,12 +59,7 @@ def trajectory_options(name: str) -> dict[str, float | None]:
 def check_trajectory(
     name: str, options: Mapping[str, float], recording: object | None = None
 ) -> None:
-    """Reject a name, options or a recording that give no trajectory.
-
-    Args:
-        name: name of the trajectory.
-        options: option -> value.
-        recording: a recording or its file, or None.
+    """Reject a name, options or a recording (or its file) that give no trajectory.
 
     Raises:
         SimulationError: an unknown trajectory or option (the message names the nearest); a value that
