@@ -368,10 +368,7 @@ def robot_names() -> list[str]:
 
 
 def load_robot(name_or_path: str | Path) -> Robot:
-    """Load a robot by the name of a shipped file, or from a TOML file.
-
-    Args:
-        name_or_path: a name from `robot_names()`, or the path of a `.toml` file.
+    """Load a robot by a name from `robot_names()`, or by the path of a `.toml` file.
 
     Raises:
         EstimatorError: no such robot or file, a misspelt key, a wrong type or a bad value.
@@ -408,10 +405,8 @@ def _not_filled_in(data: Any, name: str = "") -> Iterator[str]:
 def make_robot(name: str, **tables: Mapping[str, Any]) -> Robot:
     """Make a robot without a file; what is left out has its default.
 
-    Args:
-        name: name of the robot.
-        tables: tables of a robot file, as `vehicle={"mass": 30.0, "track_gauge": 0.42,
-            "sprocket_radius": 0.1}`; `vehicle` is required.
+    Tables are those of a robot file, as `vehicle={"mass": 30.0, "track_gauge": 0.42,
+    "sprocket_radius": 0.1}`; `vehicle` is required.
 
     Raises:
         EstimatorError: a misspelt key, a wrong type or a bad value.
@@ -421,11 +416,7 @@ def make_robot(name: str, **tables: Mapping[str, Any]) -> Robot:
 
 
 def changed_robot(robot: Robot, changes: Mapping[str, Any]) -> Robot:
-    """Copy of a robot with other values.
-
-    Args:
-        robot: the robot.
-        changes: values by their keys in a robot file, as `{"vehicle.track_gauge": 0.45}`.
+    """Copy of a robot with other values, as `{"vehicle.track_gauge": 0.45}`.
 
     Raises:
         EstimatorError: a misspelt key, a wrong type or a bad value.

@@ -37,15 +37,15 @@ def baseline_of(names: list[str]) -> str:
 
 def drift_scores(drifts: Mapping[str, PairedDrift], name: str, baseline: str) -> Results:
     """Drift scores of a variant, by the horizon, with 95 % intervals."""
-    found: Results = {}
+    scores: Results = {}
     for label, paired in drifts.items():
         percent, ratio = paired.percent(name), paired.ratio(name, baseline)
-        found[f"drift_percent_{label}_mean"] = percent.value
-        found[f"drift_percent_{label}_95"] = listed(percent)
-        found[f"drift_segments_{label}"] = len(paired.distances)
-        found[f"drift_ratio_{label}"] = ratio.value
-        found[f"drift_ratio_{label}_95"] = listed(ratio)
-    return found
+        scores[f"drift_percent_{label}_mean"] = percent.value
+        scores[f"drift_percent_{label}_95"] = listed(percent)
+        scores[f"drift_segments_{label}"] = len(paired.distances)
+        scores[f"drift_ratio_{label}"] = ratio.value
+        scores[f"drift_ratio_{label}_95"] = listed(ratio)
+    return scores
 
 
 def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:

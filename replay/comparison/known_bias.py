@@ -54,7 +54,7 @@ def known_bias(run: Run, log: Log, robot: Robot, within: list[tuple[int, int]]) 
         return None
     used = float(run.states[unlearnt, s.GYRO_BIAS].mean())
     rates = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
-    found = bias_while_driving(replace(log, truth=replace(log.truth, headings=True)), rates)
-    if found is None or found.source != "truth" or abs(found.value) > LARGEST:
+    bias = bias_while_driving(replace(log, truth=replace(log.truth, headings=True)), rates)
+    if bias is None or bias.source != "truth" or abs(bias.value) > LARGEST:
         return None
-    return KnownBias(used, found.value, found.sigma) if found.differs(used) else None
+    return KnownBias(used, bias.value, bias.sigma) if bias.differs(used) else None

@@ -120,7 +120,7 @@ def label_of(path: Path) -> str:
 
 def unique(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
     """Append numbers to labels that repeat or are taken, in any case of letters."""
-    found: list[str] = []
+    numbered: list[str] = []
     used = {label.casefold() for label in taken}
     for label in labels:
         name, number = label, 1
@@ -128,8 +128,8 @@ def unique(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
             number += 1
             name = f"{label}-{number}"
         used.add(name.casefold())
-        found.append(name)
-    return found
+        numbered.append(name)
+    return numbered
 
 
 def case_scores(case: Case, comparison: Comparison, summary: Results, drifts: Drifts) -> CaseScores:
@@ -282,16 +282,16 @@ def _joined(logs: Sequence[LogDrifts], names: Sequence[str]) -> dict[str, Paired
 
 def _nees(scored: Sequence[CaseScores], name: str) -> Results:
     """Mean NEES of a variant over all logs, and number of poses and positions."""
-    found: Results = {}
+    means: Results = {}
     for kind in ("nees_pose", "nees_position"):
         logs = [scores.results["variants"].get(name, {}) for scores in scored]
         known = [log for log in logs if log.get(f"{kind}_mean") is not None]
         poses = sum(log["nees_poses"] for log in known)
         # Each log counts by its number of poses.
         total = sum(log[f"{kind}_mean"] * log["nees_poses"] for log in known)
-        found[f"{kind}_mean"] = total / poses if poses else math.nan
-        found[f"{kind}_poses"] = poses
-    return found
+        means[f"{kind}_mean"] = total / poses if poses else math.nan
+        means[f"{kind}_poses"] = poses
+    return means
 
 
 def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
@@ -318,7 +318,7 @@ def _ratio(logs: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
 
     `logs` are the scores of each log with both files. Empty if no log has both for the variant.
     """
-    found: Results = {}
+    ratios: Results = {}
     for label in drift_table.horizon_labels():
         pairs = []
         for first, other in logs:
@@ -334,6 +334,9 @@ def _ratio(logs: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
             return {}
         joined = bootstrap.pooled_drift(pairs)
         ratio = joined.ratio("other", "first")
-        found[f"ratio_{label}"], found[f"ratio_{label}_95"] = ratio.value, drift_table.listed(ratio)
-        found[f"segments_{label}"] = len(joined.distances)
-    return found | {"logs": len(pairs)}
+        ratios[f"ratio_{label}"], ratios[f"ratio_{label}_95"] = (
+            ratio.value,
+            drift_table.listed(ratio),
+        )
+        ratios[f"segments_{label}"] = len(joined.distances)
+    return ratios | {"logs": len(pairs)}

@@ -201,14 +201,14 @@ def _parameters(run: Run, start: int) -> Results:
 
 def _innovations(run: Run, start: int) -> Results:
     """Normalised innovations of each component of a sensor, on its own times."""
-    found = {}
+    by_component = {}
     for name, column in zip(run.innovation_names, run.innovations.T, strict=True):
         known = np.flatnonzero(np.isfinite(column))
         if len(known):
             rows = known[picks(len(known), INNOVATION_POINTS)]
             times = _rounded((run.stamps[rows] - start) * NANOSECOND, 2)
-            found[name] = {"t_s": times, "normalised": _rounded(column[rows], 2)}
-    return found
+            by_component[name] = {"t_s": times, "normalised": _rounded(column[rows], 2)}
+    return by_component
 
 
 def _true_indices(truth: Truth, stamps: Stamps) -> Results:

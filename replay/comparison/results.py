@@ -256,13 +256,13 @@ def json_types(value: Any) -> Any:
 
 def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
     """Versions of Python and of the packages that determine a result."""
-    found = {"python": platform.python_version()}
+    by_package = {"python": platform.python_version()}
     for name in packages:
         try:
-            found[name] = version(name)
+            by_package[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+            by_package[name] = "not installed"
+    return by_package
 
 
 def digest(path: Path) -> str:

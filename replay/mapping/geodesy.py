@@ -15,7 +15,7 @@ def check_origin(origin: Origin | None) -> None:
         return
     if not (np.isfinite(origin).all() and abs(origin[0]) <= 90.0 and abs(origin[1]) <= 360.0):
         raise ValueError(
-            "origin must be latitude, longitude [deg] and altitude [m], found " + repr(list(origin))
+            f"origin must be latitude, longitude [deg] and altitude [m], found {list(origin)!r}"
         )
 
 

@@ -113,11 +113,11 @@ class Table:
         strays = []
         for place, name in enumerate(self._table.column_names):
             column = self._table.column(place)
-            found = _strays(column)
-            if found is None or not are_few(found.number, len(column)):
+            cells = _strays(column)
+            if cells is None or not are_few(cells.number, len(column)):
                 continue
             texts = compute.utf8_trim_whitespace(column.cast(pa.string()))
-            empty = compute.or_(found.where, compute.equal(texts, "")).fill_null(True)
+            empty = compute.or_(cells.where, compute.equal(texts, "")).fill_null(True)
             try:
                 numbers = compute.if_else(empty, pa.scalar(None, pa.string()), texts).cast(
                     pa.float64()
@@ -125,8 +125,8 @@ class Table:
             except pa.ArrowInvalid:
                 continue
             self._table = self._table.set_column(place, name, numbers)
-            if found.number:
-                strays.append(f"column {name!r} holds {found.text}")
+            if cells.number:
+                strays.append(f"column {name!r} holds {cells.text}")
         if strays:
             others = f"; {len(strays) - 3} other columns hold text" if len(strays) > 3 else ""
             self.notes.append(f"{self.path.name}: {'; '.join(strays[:3])}{others}: left out there")
@@ -154,9 +154,9 @@ class Table:
             return np.full(len(column), NAN)
         if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
             kind = _kind(column.type)
-            if (found := _strays(column)) and found.number:
+            if (strays := _strays(column)) and strays.number:
                 raise ReplayError(
-                    f"{self.path}: column {name!r} holds {found.text}, not numbers alone"
+                    f"{self.path}: column {name!r} holds {strays.text}, not numbers alone"
                 )
             filled = column.drop_null()
             such = f" (such as {str(filled[0].as_py())!r})" if len(filled) else ""
@@ -171,8 +171,8 @@ class Table:
     def stray_texts(self) -> Iterator[str]:
         """Yield a note for each column of numbers that some text makes a column of texts."""
         for name in self._table.column_names:
-            if (found := _strays(self._table.column(name))) and found.number:
-                what = f"column {name!r} holds {found.text}"
+            if (strays := _strays(self._table.column(name))) and strays.number:
+                what = f"column {name!r} holds {strays.text}"
                 yield f"{self.path.name}: {what}; without it these are numbers"
 
     def stamps(self, name: str, unit: TimeUnit) -> tuple[Stamps, Any]:
@@ -255,7 +255,7 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
     Raises:
         ReplayError: a column holds no numbers, or no times.
     """
-    found: list[Stream] = []
+    streams: list[Stream] = []
     for purpose, spec in wanted_columns(columns):
         names, time = spec.names, spec.time or columns.time
         if not table.has([time, *names]):
@@ -269,12 +269,12 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         stream.lose("no time", int((has_value & ~timed).sum()))
         column, kept = f"{table.path.name}: column {time!r}", stamps[is_kept]
         notes = _coarse(column, kept), _wrong_unit(column, kept) if purpose in SAMPLED else None
-        earlier_notes = {note for earlier in found for note in earlier.notes}
+        earlier_notes = {note for earlier in streams for note in earlier.notes}
         stream.notes += [note for note in notes if note and note not in earlier_notes]
         stream.msgtype, rows = _rows(spec, values)
         stream.add(kept, rows[is_kept])
-        found.append(stream)
-    return found
+        streams.append(stream)
+    return streams
 
 
 def _wrong_unit(column: str, stamps: Stamps) -> str | None:

@@ -98,15 +98,10 @@ def make_trajectory(
     options: Mapping[str, float] | None = None,
     recording: TrackSpeedSeries | None = None,
 ) -> Command:
-    """Make the commanded track speeds of a trajectory.
+    """Make the commanded track speeds of a trajectory for a `duration` [s].
 
-    Args:
-        name: one of `trajectory_names`.
-        duration: seconds to fill.
-        robot: gives the speed range and, for some, the gauge and indices.
-        rng: draws the random parts.
-        options: option -> value; see `trajectory_options`.
-        recording: recorded track speeds, for "recorded".
+    Options are those of `trajectory_options`; a recording is for "recorded" alone. `rng` draws the random
+    parts of the others.
 
     Raises:
         SimulationError: as in `check_trajectory`; a missing or invalid recording; or speeds beyond the
