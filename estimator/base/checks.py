@@ -51,20 +51,19 @@ class Bound(NamedTuple):
 
     def require(self, name: str, value: object, error: type[Exception]) -> None:
         """Reject a value that is not an allowed finite number; `name` is for the message."""
-        if is_finite(value):
-            number = float(value)  # type: ignore[arg-type]
-            if self.least <= number <= self.most and not (self.beyond and number == self.least):
-                if abs(number) > LARGEST_NUMBER and self.most == math.inf:
-                    size = f"no larger than {LARGEST_NUMBER:g}"
-                elif self.least == 0.0 < number < LEAST_POSITIVE:
-                    size = f"no smaller than {LEAST_POSITIVE:g}"
-                else:
-                    return
-                raise error(f"{name} must be {self.wanted}, {size}, found {value!r}")
         # NaN: a placeholder of a new robot file.
         if is_number(value) and value != value:
             raise error(f"{name} must be {self.wanted}, found nan: it is not filled in")
-        raise error(f"{name} must be {self.wanted}, found {value!r}")
+        number = float(value) if is_finite(value) else math.nan  # type: ignore[arg-type]
+        if not self.least <= number <= self.most or (self.beyond and number == self.least):
+            raise error(f"{name} must be {self.wanted}, found {value!r}")
+        limit = ""
+        if abs(number) > LARGEST_NUMBER and self.most == math.inf:
+            limit = f"no larger than {LARGEST_NUMBER:g}"
+        elif self.least == 0.0 < number < LEAST_POSITIVE:
+            limit = f"no smaller than {LEAST_POSITIVE:g}"
+        if limit:
+            raise error(f"{name} must be {self.wanted}, {limit}, found {value!r}")
 
 
 Finite = Annotated[float, Bound("finite")]

@@ -213,9 +213,6 @@ class BatchFilter:
     def prepare(self, steps: Steps) -> Floats:
         """Compile or load the kernels of a run, and compute the constants of its steps.
 
-        Args:
-            steps: all steps of the run.
-
         Returns:
             (n, k) constants of each step, the interval of the IMU last, for `work_through`.
 

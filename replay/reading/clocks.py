@@ -14,6 +14,9 @@ SAME = 0.0005  # offset below which header stamps are reported as equal to the t
 DAY = 86_400.0
 
 
+UsedClock = Literal["header", "recording"]
+
+
 class Evidence(NamedTuple):
     """Evidence about the clock of a stream."""
 
@@ -26,7 +29,7 @@ class Evidence(NamedTuple):
 class Choice(NamedTuple):
     """A clock and the reason of its choice; `by_default` if there was no alternative."""
 
-    clock: Literal["header", "recording"]
+    clock: UsedClock
     reason: str
     by_default: bool
 

@@ -15,14 +15,9 @@ from icreckon.replay.reading.stream import ABSENT, NAN, Row, RowReader, Unusable
 def track_readers(joints: Sequence[str], positions: bool = False) -> dict[str, RowReader]:
     """Build the row readers of track speeds, by message type.
 
-    Args:
-        joints: names of the left joints, then of the right ones; none without JointState.
-        positions: JointState has positions or counts, not speeds.
-
-    Returns:
-        Readers with these rows: for JointState the values of the left joints, then of the right ones, in
-        the message's unit; for Odometry and TwistStamped the forward speed [m/s] and the yaw rate
-        [rad/s].
+    Rows of JointState are the values of the left `joints`, then of the right ones, in the message's unit:
+    speeds, or `positions` (counts). Those of Odometry and TwistStamped are the forward speed [m/s] and
+    the yaw rate [rad/s]. Without joints there is no reader of JointState.
     """
     readers: dict[str, RowReader] = {
         ros.ODOMETRY: lambda message: _speeds(message.twist.twist),

@@ -6,7 +6,7 @@ from array import array
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from icreckon.replay.bags.decoding import Definitions, decoder, stamp_of
 from icreckon.replay.bags.records import Channel, Record
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.topics import Clock
-from icreckon.replay.reading.clocks import Evidence
+from icreckon.replay.reading.clocks import Evidence, UsedClock
 from icreckon.replay.reading.stamps import APART, LATE, arrival_in_order, without_steps
 
 Row = tuple[float, ...]
@@ -188,7 +188,7 @@ class Stream:
         constant = len(stamped) > 1 and bool((stamped == stamped[0]).all())
         return Evidence(self.topic, self.time, float(np.median(offsets)) * NANOSECOND, constant)
 
-    def arrays(self, clock: Literal["header", "recording"]) -> tuple[Stamps, Floats]:
+    def arrays(self, clock: UsedClock) -> tuple[Stamps, Floats]:
         """Stamps (n,) [ns] and rows (n, k), sorted except for those far out of order.
 
         Raises:
@@ -196,9 +196,7 @@ class Stream:
         """
         return self._in_order(clock, self._rows)
 
-    def _in_order(
-        self, clock: Literal["header", "recording"], gathered: Rows
-    ) -> tuple[Stamps, Floats]:
+    def _in_order(self, clock: UsedClock, gathered: Rows) -> tuple[Stamps, Floats]:
         recorded = np.array(gathered.recorded, dtype=np.int64)
         stamped = np.array(gathered.stamped, dtype=np.int64)
         rows = np.array(gathered.values, dtype=float)

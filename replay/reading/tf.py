@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from icreckon.replay.bags.decoding import stamp_of
 from icreckon.replay.bags.message_types import TF, TF_ROS1, TRANSFORM
 from icreckon.replay.bags.records import Record
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.reading.clocks import UsedClock
 from icreckon.replay.reading.stream import NAN, RowReader, Rows, Stream
 
 LONGEST_INTERPOLATION = 1.0  # longest interval over which poses are interpolated [s]
@@ -57,7 +58,7 @@ class TransformStream(Stream):
             for link, rows in other._links.items():
                 self._links.setdefault(link, Rows()).extend(rows)
 
-    def arrays(self, clock: Literal["header", "recording"]) -> tuple[Stamps, Floats]:
+    def arrays(self, clock: UsedClock) -> tuple[Stamps, Floats]:
         """Stamps (n,) [ns] and rows (n, 12) as of `message_rows.POSE_READERS`.
 
         Raises:
@@ -152,7 +153,7 @@ class TransformStream(Stream):
             chain.append((link, forward))
         return chain[::-1]
 
-    def _series(self, link: Link, clock: Literal["header", "recording"]) -> tuple[Stamps, Floats]:
+    def _series(self, link: Link, clock: UsedClock) -> tuple[Stamps, Floats]:
         stamps, rows = self._in_order(clock, self._links[link])
         stamps, first = np.unique(stamps, return_index=True)
         return stamps, rows[first]
