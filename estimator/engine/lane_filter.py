@@ -117,20 +117,9 @@ class LaneSteps:
         kernel_number = IMU_STEP if m.stamp > self._record.stamp else IMU_UPDATE
         yaw, result = self._ekf.x.item(s.YAW), FULL
         while result == FULL:
-            result = self._take_sample(
-                self._lane.places,
-                kernel_number,
-                self._records,
-                self._all_arrays(),
-                m.stamp,
-                readings.stamps,
-                readings.rates,
-                mounting,
-                *m.angular_velocity,
-                *force,
-                uses_force,
-                after_gap,
-            )
+            step = self._lane.places, kernel_number, self._records, self._all_arrays(), m.stamp
+            sample = readings.stamps, readings.rates, mounting, *m.angular_velocity, *force
+            result = self._take_sample(*step, *sample, uses_force, after_gap)
             if result == FULL:
                 readings.make_room()
         if result >= 0 and self._has_watchers():
@@ -219,18 +208,9 @@ class LaneSteps:
     def evaluate(self, ekf: Ekf, left: float, right: float, slip_shares: Triple) -> TwistModel:
         """Body velocity of a filter with the same model and settings, see `Ekf`."""
         twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(ekf.x))), np.empty((3, 2))
-        zeta, epsilon, eta, u, force = self._evaluate_twist(
-            self._lane.places,
-            ekf.x,
-            ekf.model.memory,
-            *self._arrays,
-            float(left),
-            float(right),
-            *map(float, slip_shares),
-            twist,
-            jacobian,
-            by_speeds,
-        )
+        arrays = self._lane.places, ekf.x, ekf.model.memory, *self._arrays
+        inputs, results = map(float, (left, right, *slip_shares)), (twist, jacobian, by_speeds)
+        zeta, epsilon, eta, u, force = self._evaluate_twist(*arrays, *inputs, *results)
         v_x, v_y, w = twist.tolist()
         motion = Motion(PaperTwist(-v_y, v_x, w), IndexValues(zeta, epsilon, eta), u, force)
         return TwistModel(twist, jacobian, by_speeds, motion)

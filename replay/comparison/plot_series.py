@@ -46,12 +46,12 @@ def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
     most = series_points((log.end - log.start) * NANOSECOND)
     stamps = first_run.stamps[picks(len(first_run.stamps), most)]
     truths = {} if log.truth is None else truths_of(comparison)
-    shown = truths[headline] if truths else None
+    shown, path = truths.get(headline), first_run.trajectory.pose_series
     series: Results = {"t_s": _rounded((stamps - log.start) * NANOSECOND), "variants": {}}
     series["inputs"] = _inputs(log, robot, stamps)
     if log.truth is not None and shown is not None:
         series["truth"] = _true_columns(log.truth, shown.truth, stamps)
-    path = first_run.trajectory.pose_series if shown is None else shown.truth.poses
+        path = shown.truth.poses
     series["distance_m"] = _rounded(np.interp(stamps, path.stamps, path_length(path)), DECIMALS)
     if log.fixes is not None:
         rows = picks(len(log.fixes.stamps), most)
@@ -59,10 +59,9 @@ def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
         places = _columns(POSE[:2], log.fixes.poses[rows, :2], DECIMALS)
         series["fixes"] = {"t_s": _rounded(times), **places}
     for name, run in comparison.runs.items():
-        point = np.zeros(2)
+        point, truth = np.zeros(2), None
         if shown is not None:
-            point = np.subtract(truths[name].lever_arm, shown.lever_arm)
-        truth = truths[name].truth if truths else None
+            point, truth = np.subtract(truths[name].lever_arm, shown.lever_arm), truths[name].truth
         series["variants"][name] = _run_columns(run, stamps, point, truth) | {
             "parameters": _parameters(run, log.start),
             "innovations": _innovations(run, log.start),
