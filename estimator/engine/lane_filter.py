@@ -172,16 +172,11 @@ class LaneSteps:
         interval: float,
         rejected_for: float,
     ) -> tuple[TakenFix, bool, bool]:
-        """Update with a position fix.
+        """Update with a position fix, which is x, y [m] and the variance of each [m²].
 
-        Args:
-            stamp: its stamp [ns].
-            fix: x, y [m] and the variance of each [m²].
-            antenna: place of the antenna in base_link, forward and left [m].
-            ahead: it lies ahead of the estimate, before the end of the next step.
-            mode: one of `icreckon.estimator.filter.gate`: skipped, gated or forced.
-            interval: time since the fix before, as far as the gate counts it [s].
-            rejected_for: time of rejected fixes so far [s].
+        The antenna is forward and left in base_link [m]. With `ahead` the fix lies ahead of the estimate,
+        before the end of the next step. `mode` is one of `icreckon.estimator.filter.gate`. `interval` is
+        the time since the fix before, as the gate counts it, `rejected_for` that of rejected fixes [s].
 
         Returns:
             The fix; the gate admitted it; it was not used, and the filter is to be relocated.

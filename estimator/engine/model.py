@@ -64,8 +64,8 @@ def described(model: MotionModel) -> TracedModel:
 
 def traced_model(model: MotionModel) -> TracedModel | None:
     """Describe a motion model; None if it has no traced form."""
-    found = described(model)
-    return None if found.kind == "plain" else found
+    description = described(model)
+    return None if description.kind == "plain" else description
 
 
 class TracedTwist(NamedTuple):

@@ -55,8 +55,7 @@ def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
         return None
     # All variants have an interval, or none has: it depends on the number of blocks.
     first = drifts[labels[0]].names[0]
-    with_interval = [label for label in labels if drifts[label].percent(first).interval is not None]
-    label = with_interval[0] if with_interval else labels[0]
+    label = next((label for label in labels if drifts[label].percent(first).interval), labels[0])
     paired = drifts[label]
     names = [name for name in paired.names if not name.endswith(SMOOTHED)]
     percents = {name: paired.percent(name) for name in names}

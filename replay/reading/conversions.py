@@ -132,10 +132,9 @@ def wheel_values(
 def fill_variances(variances: Floats, mapped: FixTopic | PoseColumns) -> NDArray[np.bool_]:
     """Fill in missing variances of fixes in place, and raise too small ones.
 
-    Messages state the whole error. If a part of it wanders, `position_sigma` is the rest.
-
-    `variances` (n, 2) are of each coordinate [m²] and of yaw [rad²]; NaN for unknown. Returns the (n,)
-    mask of the fixes whose position variance is still unknown.
+    `variances` (n, 2) are of each coordinate [m²] and of yaw [rad²]; NaN for unknown. Messages state the
+    whole error; if a part of it wanders, `position_sigma` is the rest. Returns the (n,) mask of the fixes
+    whose position variance is still unknown.
     """
     position_variances, yaw_variances = variances[:, 0], variances[:, 1]
     unknown = np.isnan(position_variances)

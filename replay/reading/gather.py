@@ -127,13 +127,13 @@ def gather(
                 definitions=definitions,
                 report=share_of(number),
             )
-            part = over_bag(path, read)
+            of_file = over_bag(path, read)
         else:
-            part = _of_table(path, result.mapping)
-        result.notes += part.notes
-        result.truth_source = result.truth_source or part.truth_source
-        result.found.update(part.found)
-        for purpose, stream in part.streams.items():
+            of_file = _of_table(path, result.mapping)
+        result.notes += of_file.notes
+        result.truth_source = result.truth_source or of_file.truth_source
+        result.found.update(of_file.found)
+        for purpose, stream in of_file.streams.items():
             if (first := result.streams.setdefault(purpose, stream)) is not stream:
                 first.extend(stream)
     _check_all_there(result, bags, paths)
@@ -187,27 +187,27 @@ def _of_table(path: Path, mapping: TopicMap) -> Gathered:
             f"{path}: a table needs [log.columns] in the robot file (`icreckon inspect {path}` "
             f"proposes it); its columns are {names}"
         )
-    part = Gathered(str(path), mapping)
-    part.notes = list(table.notes)
-    part.streams = {stream.purpose: stream for stream in table_streams(table, mapping.columns)}
-    part.found = Counter({f"{path.name}: {column.name}": len(table) for column in table.columns})
-    return part
+    of_file = Gathered(str(path), mapping)
+    of_file.notes = list(table.notes)
+    of_file.streams = {stream.purpose: stream for stream in table_streams(table, mapping.columns)}
+    of_file.found = Counter({f"{path.name}: {column.name}": len(table) for column in table.columns})
+    return of_file
 
 
 def _of_bag(
     bag: Bag, path: Path, mapping: TopicMap, definitions: Definitions, report: Progress
 ) -> Gathered:
-    part = Gathered(str(path), mapping)
+    of_file = Gathered(str(path), mapping)
     messages: Counter[str] = Counter()
     for channel, count in bag.counts.items():
         messages[channel.topic] += count
-        part.found[f"{channel.topic} ({channel.msgtype})"] += count
+        of_file.found[f"{channel.topic} ({channel.msgtype})"] += count
     types = {channel.topic: channel.msgtype for channel in bag.counts}
     by_topic: dict[str, list[Stream]] = {}
     for stream in wanted_streams(mapping, str(path), definitions, types):
         if not all(messages[topic] for topic in stream.needed):
             continue
-        part.streams[stream.purpose] = stream
+        of_file.streams[stream.purpose] = stream
         for topic in stream.topics:
             by_topic.setdefault(topic, []).append(stream)
     total = sum(messages[topic] for topic in by_topic)
@@ -216,11 +216,12 @@ def _of_bag(
             report(min(1.0, count / total))
         for stream in by_topic[record.channel.topic]:
             stream.take(record)
-    if mapping.truth is not None and mapping.truth.source_topic and "truth" in part.streams:
-        part.truth_source, notes = _first_text(bag, path, mapping.truth.source_topic, definitions)
-        part.notes += notes
-    part.notes[:0] = bag.notes
-    return part
+    if mapping.truth is not None and mapping.truth.source_topic and "truth" in of_file.streams:
+        topic = mapping.truth.source_topic
+        of_file.truth_source, notes = _first_text(bag, path, topic, definitions)
+        of_file.notes += notes
+    of_file.notes[:0] = bag.notes
+    return of_file
 
 
 def wanted_streams(

@@ -355,8 +355,8 @@ def _wrap_notes(rows: Floats, mapped: TrackTopic | TrackColumns) -> Iterator[str
     """Note a range of counters that their readings contradict."""
     if mapped.unit not in COUNTER_UNITS or not len(rows):
         return
-    where, (found, span) = f"{OF_ROBOT_FILE}the counters of the tracks", counter_range(rows)
-    if found is not None and mapped.wrap != found:
-        yield f"{where} start again after {found:g}: set wrap = {found:.1f}"
+    where, (likely_range, span) = f"{OF_ROBOT_FILE}the counters of the tracks", counter_range(rows)
+    if likely_range is not None and mapped.wrap != likely_range:
+        yield f"{where} start again after {likely_range:g}: set wrap = {likely_range:.1f}"
     elif mapped.wrap is not None and span > mapped.wrap:
         yield f"{where} span {span:g}, more than wrap = {mapped.wrap:g}: set their range, or none"

@@ -56,17 +56,12 @@ def interpolated(
 def of_sides(
     stamps: Stamps, speeds: Floats, left_count: int, names: Sequence[str], fastest: float
 ) -> tuple[TrackSpeedSeries, list[str]]:
-    """Compute track speeds as the means of the wheels of each side.
+    """Compute track speeds as the means of the wheels of each side, and notes on them.
 
-    Args:
-        stamps: (n,) [ns], rising.
-        speeds: (n, k) of the left wheels, then of the right ones [m/s].
-        left_count: number of left wheels.
-        names: (k,) names of the wheels.
-        fastest: highest speed of a track [m/s].
-
-    Returns:
-        Track speeds, with the wheels' speeds if any disagree, and notes on wheels that do.
+    `speeds` (n, k) are those of `left_count` left wheels, then of the right ones [m/s], at rising stamps
+    (n,) [ns]; `names` (k,) are the wheels', `fastest` is the highest speed of a track [m/s]. If any
+    wheels of a side disagree, the track speeds include those of the wheels, and the notes name the odd
+    ones.
     """
     means = mean_of_sides(speeds, left_count)
     left, right = speeds[:, :left_count], speeds[:, left_count:]
