@@ -128,13 +128,10 @@ def _walk_from_first_tracks(stamps: SensorStamps) -> Steps:
 
 
 def walk_stamps(state: Any, clocks: Any, stamps: SensorStamps, steps: Steps) -> None:
-    """Walk through the stamps of runs.
+    """Walk through the stamps of runs, which count from the first track speeds.
 
-    Args:
-        state: (1,) state of the walk, changed in place; it `fails` if the walk ends early.
-        clocks: (2,) clocks of the track speeds and of the IMU.
-        stamps: stamps since the first track speeds.
-        steps: written to; with room for two steps for each sample and one for each fix.
+    `state` (1,) is changed in place; it `fails` if the walk ends early. `clocks` (2,) are those of track
+    speeds and IMU. `steps` are written to, with room for two for each sample and one for each fix.
 
     Raises:
         ValueError: an array has the wrong size.

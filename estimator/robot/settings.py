@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, ClassVar, Literal, get_args
 
 import msgspec
 
@@ -109,9 +109,8 @@ class FixWander(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             EstimatorError: a value is not valid.
         """
         columns = robot.log.get("columns")
-        tables: list[Any] = [robot.log.get("fixes")]
-        tables.append(columns.get("fixes") if isinstance(columns, dict) else None)
-        for table in tables:
+        of_columns = columns.get("fixes") if isinstance(columns, dict) else None
+        for table in (robot.log.get("fixes"), of_columns):
             if isinstance(table, dict) and table.get("wander_sigma"):
                 return cls(table["wander_sigma"], table.get("wander_time", 0.0))
         return cls()

@@ -34,7 +34,7 @@ def written_beside(
 
     The temporary path has the same name, in a temporary folder next to `path` that is always
     removed; if the process is killed, by the next one that writes to `path`. If the block raises, `path`
-    is left unchanged. Missing parent folders are made.
+    is left unchanged. Missing parent folders are made, and nothing is at the path to write to.
 
     Args:
         path: target, a file or a folder.
@@ -46,9 +46,6 @@ def written_beside(
         mark: bytes in the first or last `MARKED` of a file that is replaced, and of a folder's `marker`.
         keeps_foreign: whether a folder gets a list of its files, and files that a person has put into
             the one before it are kept.
-
-    Yields:
-        The path to write to; nothing is there yet.
 
     Raises:
         ReplayError: something is there and may not be replaced, another process writes to `path`, or

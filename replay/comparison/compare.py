@@ -3,13 +3,12 @@
 import multiprocessing
 import pickle
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, wait
+from concurrent.futures import FIRST_COMPLETED, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import zip_longest
-from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, TypeVar
@@ -322,32 +321,25 @@ class _Worker:
 def _in_processes(
     task: _Task, variants: Sequence[str], workers: int, progress: Progress
 ) -> list[Outcome]:
-    """Run the variants in processes, which report progress in a shared array."""
+    """Run the variants in processes; report the mean of the progress of each."""
     context = multiprocessing.get_context("spawn")
-    slots: Synchronized[Any] = context.Array("d", len(variants))  # type: ignore[assignment]
+    slots: Any = context.Array("d", len(variants))  # share that is done of each variant
     count = min(workers, len(variants))
     with ExitStack() as stack:
         # Passed in a file: with a large argument, this process would wait forever for a dead worker.
         path = Path(stack.enter_context(TemporaryDirectory())) / "task"
         path.write_bytes(pickle.dumps(task))
         pool = stack.enter_context(worker_processes(count, _Worker.begin, (path, slots)))
-        return _wait_for_all(pool, variants, slots, progress)
-
-
-def _wait_for_all(
-    pool: Executor, variants: Sequence[str], slots: Any, progress: Progress
-) -> list[Outcome]:
-    """Outcomes of all variants, in their order; reports the mean progress meanwhile."""
-    try:
-        futures = [pool.submit(_Worker.work, *job) for job in enumerate(variants)]
-        waiting = set(futures)
-        while waiting:
-            _, waiting = wait(waiting, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
-            shares = (1.0 if future.done() else slots[i] for i, future in enumerate(futures))
-            progress(sum(shares) / len(futures))
-        return [future.result() for future in futures]
-    except BrokenProcessPool:
-        raise ReplayError(
-            'a worker process ended; a script that uses several needs `if __name__ == "__main__":` '
-            "around its commands, else workers=1 (--workers 1) needs none"
-        ) from None
+        try:
+            futures = [pool.submit(_Worker.work, *job) for job in enumerate(variants)]
+            waiting = set(futures)
+            while waiting:
+                _, waiting = wait(waiting, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
+                shares = (1.0 if future.done() else slots[i] for i, future in enumerate(futures))
+                progress(sum(shares) / len(futures))
+            return [future.result() for future in futures]
+        except BrokenProcessPool:
+            raise ReplayError(
+                'a worker process ended; a script that uses several needs `if __name__ == "__main__":` '
+                "around its commands, else workers=1 (--workers 1) needs none"
+            ) from None

@@ -23,11 +23,8 @@ def interpolated(
 ) -> tuple[Stamps, Floats]:
     """Interpolate wheels with separate messages at the stamps of the slowest wheel.
 
-    Args:
-        stamps: (n,) [ns], rising.
-        values: (n, k) of the wheels; NaN for those that a message does not have.
-        wrap: value at which counters begin again, or None.
-        slowest: column of the slowest wheel; None for that with the fewest values.
+    `values` (n, k) of the wheels, at rising stamps (n,) [ns], are NaN for those that a message does not
+    have. Counters begin again at `wrap`. The column `slowest` is by default that with the fewest values.
 
     Returns:
         Stamps and values, without those between messages more than `TOGETHER` apart; unchanged if any
