@@ -368,7 +368,9 @@ def robot_names() -> list[str]:
 
 
 def load_robot(name_or_path: str | Path) -> Robot:
-    """Load a robot by a name from `robot_names()`, or by the path of a `.toml` file.
+    """Load a robot by the name of a shipped file, or from a TOML file.
+
+    `name_or_path` is a name from `robot_names()`, or the path of a `.toml` file.
 
     Raises:
         EstimatorError: no such robot or file, a misspelt key, a wrong type or a bad value.
@@ -416,7 +418,9 @@ def make_robot(name: str, **tables: Mapping[str, Any]) -> Robot:
 
 
 def changed_robot(robot: Robot, changes: Mapping[str, Any]) -> Robot:
-    """Copy of a robot with other values, as `{"vehicle.track_gauge": 0.45}`.
+    """Copy of a robot with other values.
+
+    Values are by their keys in a robot file, as `{"vehicle.track_gauge": 0.45}`.
 
     Raises:
         EstimatorError: a misspelt key, a wrong type or a bad value.

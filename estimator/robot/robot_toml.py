@@ -20,7 +20,10 @@ COMMENT_AT = 40  # column at which the comments of short lines are aligned
 def robot_toml(
     robot: Robot, comments: Mapping[str, Mapping[str, str]] = MappingProxyType({})
 ) -> str:
-    """Format a robot as the text of a robot file, with comments by table and key."""
+    """Format a robot as the text of a robot file, as input of `load_robot`.
+
+    Comments are by table and key.
+    """
     lines = [f"name = {toml_value(robot.name)}", f"format = {robot.format}"]
     if robot.note:
         lines.append(f"note = {toml_value(robot.note)}")

@@ -169,7 +169,9 @@ def register(variant: Variant) -> None:
 
 
 def default_adaptation(variant: str, **changes: float) -> Adaptation:
-    """Default adaptation of a variant, with `changes` of its values, in its units.
+    """Default adaptation of a variant, with changes.
+
+    The changes are values of `Adaptation` to replace, in its units.
 
     Raises:
         EstimatorError: an unknown variant or name, or an invalid value.
