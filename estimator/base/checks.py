@@ -51,20 +51,19 @@ class Bound(NamedTuple):
 
     def require(self, name: str, value: object, error: type[Exception]) -> None:
         """Reject a value that is not an allowed finite number; `name` is for the message."""
-        if is_finite(value):
-            number = float(value)  # type: ignore[arg-type]
-            if self.least <= number <= self.most and not (self.beyond and number == self.least):
-                if abs(number) > LARGEST_NUMBER and self.most == math.inf:
-                    size = f"no larger than {LARGEST_NUMBER:g}"
-                elif self.least == 0.0 < number < LEAST_POSITIVE:
-                    size = f"no smaller than {LEAST_POSITIVE:g}"
-                else:
-                    return
-                raise error(f"{name} must be {self.wanted}, {size}, found {value!r}")
         # NaN: a placeholder of a new robot file.
         if is_number(value) and value != value:
             raise error(f"{name} must be {self.wanted}, found nan: it is not filled in")
-        raise error(f"{name} must be {self.wanted}, found {value!r}")
+        number = float(value) if is_finite(value) else math.nan  # type: ignore[arg-type]
+        if not self.least <= number <= self.most or (self.beyond and number == self.least):
+            raise error(f"{name} must be {self.wanted}, found {value!r}")
+        limit = ""
+        if abs(number) > LARGEST_NUMBER and self.most == math.inf:
+            limit = f"no larger than {LARGEST_NUMBER:g}"
+        elif self.least == 0.0 < number < LEAST_POSITIVE:
+            limit = f"no smaller than {LEAST_POSITIVE:g}"
+        if limit:
+            raise error(f"{name} must be {self.wanted}, {limit}, found {value!r}")
 
 
 Finite = Annotated[float, Bound("finite")]
@@ -93,10 +92,7 @@ def check_bounds(
 ) -> None:
     """Reject a structure with a number outside of the `Bound` of its field.
 
-    Args:
-        data: the structure, as in its `__post_init__`. A field may be optional, or a tuple.
-        name: format of the names of fields in messages.
-        error: the error class to raise.
+    Fields may be optional, or tuples. `name` is the format of their names in messages.
     """
     for field, (bound, hint) in _bounds(type(data)).items():
         value = getattr(data, field)
@@ -146,14 +142,9 @@ def require_flag(name: str, value: object) -> None:
 def require_kind(
     name: str, value: object, kind: type, *, or_none: bool = False, shown: bool = True
 ) -> None:
-    """Reject a value that is not an instance of a structure.
+    """Reject a value that is not an instance of a structure, nor None if `or_none`.
 
-    Args:
-        name: name of the field, for the message.
-        value: its value.
-        kind: the structure.
-        or_none: True to allow None, too.
-        shown: False to leave a long value out of the message.
+    With `shown` False the message does not have the value, which may be long.
     """
     if isinstance(value, kind) or (or_none and value is None):
         return
@@ -171,14 +162,7 @@ def require_nanoseconds(first: int, last: int, count: int) -> None:
 
 
 def require_wander(sigma_name: str, sigma: float, time_name: str, time: float) -> None:
-    """Reject a wander of fixes of which one of the two values is missing.
-
-    Args:
-        sigma_name: name of the standard deviation, for the message.
-        sigma: standard deviation [m].
-        time_name: name of the correlation time, for the message.
-        time: correlation time [s].
-    """
+    """Reject a wander of fixes without its standard deviation [m] or its time [s]."""
     if sigma > 0.0 and not time > 0.0:
         raise SettingError(
             f"{sigma_name} = {sigma!r} needs {time_name}, the correlation time in seconds"
@@ -192,16 +176,11 @@ def require_wander(sigma_name: str, sigma: float, time_name: str, time: float) -
 def three_numbers(
     name: str, value: object, wanted: str, least: float = -math.inf
 ) -> tuple[float, float, float]:
-    """Convert three finite numbers to plain floats.
-
-    Args:
-        name: name of the argument, for the message.
-        value: a tuple, list or array of three.
-        wanted: description of the three, for the message.
-        least: lower bound of each.
+    """Convert a tuple, list or array of three finite numbers to plain floats.
 
     Raises:
-        SettingError: they are not three, or one is not a finite number, too small, or beyond `LARGEST`.
+        SettingError: they are not three, or one is not a finite number, below `least`, or beyond
+            `LARGEST`; the message has their `name`, and `wanted`, their description.
     """
     # An array of no dimension is an Iterable by its type, but cannot be iterated over.
     is_iterable = isinstance(value, Iterable) and getattr(value, "ndim", 1) > 0
@@ -215,12 +194,9 @@ def three_numbers(
 
 
 def clipped_correlations(covariance: Floats) -> Floats:
-    """Correlations of an unchecked covariance matrix, always finite.
+    """Correlations of a finite matrix with positive variances, clipped to -2 to 2.
 
-    They are clipped to -2 to 2: beyond 1, as clipped ones stay, they are still those of no covariance.
-
-    Args:
-        covariance: a finite matrix with positive variances.
+    So they are always finite, and those beyond 1 are still those of no covariance.
     """
     sigmas = np.sqrt(covariance.diagonal())
     with np.errstate(over="ignore"):

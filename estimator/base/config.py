@@ -4,8 +4,9 @@ import re
 import tomllib
 import types
 import typing
+from itertools import product
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -59,13 +60,9 @@ def read_toml(path: Path, error: type[IcreckonError]) -> dict[str, Any]:
 
 
 def convert(data: dict[str, Any], kind: type[T], source: str, error: type[IcreckonError]) -> T:
-    """Convert plain data to a checked structure.
+    """Convert nested dictionaries, as read from TOML, to a checked msgspec structure.
 
-    Args:
-        data: nested dictionaries, as read from TOML.
-        kind: the msgspec structure to make.
-        source: file name or option, for messages.
-        error: the error class to raise.
+    `source` is the file name or option, for messages.
 
     Raises:
         error: an unknown key (the message names the nearest valid one), a wrong type or a bad value.
@@ -87,17 +84,7 @@ def in_words(problem: str, data: dict[str, Any], kind: type[msgspec.Struct]) -> 
     if text.startswith(NO_CHOICE):
         choices = ", ".join(_choices(kind, STEP.findall(path)))
         text = f"expected one of {choices}, found {text.removeprefix(NO_CHOICE)}"
-    # Steps of the path to the value, as ["log", "tracks", "[0]"].
-    steps, value = [], cast(Any, data)
-    for step in STEP.findall(path):
-        key: Any = step
-        if step == ANY_KEY:
-            # The key of a free table is not in the message.
-            key = next(iter(value)) if len(value) == 1 else None
-        elif step[1:-1].isdigit():
-            key = int(step[1:-1])
-        steps.append(str(key) if step == ANY_KEY and key is not None else step)
-        value = value[key] if key is not None and isinstance(value, dict | list) else {}
+    steps, value = _steps_to_value(STEP.findall(path), data)
     table_steps = steps if isinstance(value, dict) else steps[:-1]
     names = [step for step in table_steps if not step.startswith("[")]
     leaf = "" if isinstance(value, dict) or not steps else steps[-1]
@@ -108,6 +95,21 @@ def in_words(problem: str, data: dict[str, Any], kind: type[msgspec.Struct]) -> 
     table = f"[{'.'.join(names)}]" if names else ""
     where = " ".join(filter(None, [table, leaf, *numbers]))
     return f"{where}: {text}" if where else text
+
+
+def _steps_to_value(path: list[str], data: Any) -> tuple[list[str], Any]:
+    """Steps of a path, as ["log", "tracks", "[0]"], and the value where it ends."""
+    steps, value = [], data
+    for step in path:
+        key: Any = step
+        if step == ANY_KEY:
+            # The key of a free table is not in the message.
+            key = next(iter(value)) if len(value) == 1 else None
+        elif step[1:-1].isdigit():
+            key = int(step[1:-1])
+        steps.append(str(key) if step == ANY_KEY and key is not None else step)
+        value = value[key] if key is not None and isinstance(value, dict | list) else {}
+    return steps, value
 
 
 def _choices(annotation: Any, steps: list[str]) -> list[str]:
@@ -134,16 +136,14 @@ def _refuse_unknown_keys(
         if key not in fields:
             where = f" in [{table}]" if table else ""
             raise error(f"{source}: unknown key {key!r}{where}{nearest_hint(key, list(fields))}")
-        path = f"{table}.{key}" if table else key
-        for nested in _structs_in(fields[key]):
-            for item in value if isinstance(value, list) else [value]:
-                if isinstance(item, dict):
-                    _refuse_unknown_keys(item, nested, source, path, error)
-        if typing.get_origin(fields[key]) is dict and isinstance(value, dict):
-            for nested in _structs_in(typing.get_args(fields[key])[1]):
-                for name, item in value.items():
-                    if isinstance(item, dict):
-                        _refuse_unknown_keys(item, nested, source, f"{path}.{name}", error)
+        annotation, path = fields[key], f"{table}.{key}" if table else key
+        nested = [(path, item) for item in (value if isinstance(value, list) else [value])]
+        if typing.get_origin(annotation) is dict and isinstance(value, dict):
+            annotation = typing.get_args(annotation)[1]
+            nested = [(f"{path}.{name}", item) for name, item in value.items()]
+        for nested_kind, (nested_path, item) in product(_structs_in(annotation), nested):
+            if isinstance(item, dict):
+                _refuse_unknown_keys(item, nested_kind, source, nested_path, error)
 
 
 def _structs_in(annotation: Any) -> list[Any]:

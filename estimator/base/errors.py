@@ -25,15 +25,7 @@ class SettingError(EstimatorError, ValueError):
 
 
 def nearest_hint(found: str, allowed: list[str]) -> str:
-    """«Did you mean» clause for a misspelt name.
-
-    Args:
-        found: the name as it was written.
-        allowed: the valid names.
-
-    Returns:
-        `; did you mean 'x'?` if a name is close, otherwise the list of valid names.
-    """
+    """Clause of a message: `; did you mean 'x'?`, or the list of the allowed names."""
     import difflib
 
     names = {name.lower(): name for name in allowed}

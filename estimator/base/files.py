@@ -17,12 +17,9 @@ if sys.platform != "win32":
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file next to its place, and move it there.
+    """Write a file next to its place, and move it there; an OSError leaves nothing.
 
-    It has the mode of the file that it replaces. A symbolic link stays: what it points to is replaced.
-
-    Raises:
-        OSError: the file cannot be written; nothing is left next to its place.
+    It has the mode of the file that it replaces. The target of a symbolic link is replaced, not the link.
     """
     path = Path(os.path.realpath(path))
     temporary = path.with_name(f"{path.name}.{uuid4().hex}.tmp")

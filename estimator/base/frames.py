@@ -38,14 +38,10 @@ def rotate(vectors: ArrayLike, yaw: ArrayLike) -> Floats:
 
 
 def compose(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Compose pose `a` with pose `b`, in SE(2).
-
-    Args:
-        a: (..., 3) x, y [m], yaw [rad] of frame A in the world.
-        b: (..., 3) x, y [m], yaw [rad] of frame B in A.
+    """Compose poses (..., 3) x, y [m], yaw [rad] in SE(2): `b` is a pose in frame `a`.
 
     Returns:
-        (..., 3) frame B in the world; yaw is not wrapped.
+        (..., 3) pose `b` in the frame in which `a` is given; yaw is not wrapped.
     """
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     place = a[..., :2] + rotate(b[..., :2], a[..., 2])
@@ -55,12 +51,8 @@ def compose(a: ArrayLike, b: ArrayLike) -> Floats:
 def relative(a: ArrayLike, b: ArrayLike) -> Floats:
     """Pose `b` relative to pose `a`: composing `a` with it gives `b`.
 
-    Args:
-        a: (..., 3) x, y [m], yaw [rad] in the world.
-        b: (..., 3) x, y [m], yaw [rad] in the world.
-
-    Returns:
-        (..., 3) b in the frame of a; yaw wrapped to [-pi, pi).
+    Both are (..., 3) x, y [m], yaw [rad] in the same frame. The yaw of the result (..., 3) is wrapped to
+    [-pi, pi).
     """
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     place = rotate(b[..., :2] - a[..., :2], -a[..., 2])

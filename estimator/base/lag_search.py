@@ -19,11 +19,8 @@ def jackknife_sigma(without: Floats) -> Floats:
 def beside_lowest(costs: Floats, lowest: Any) -> Floats:
     """Offset of the parabola's minimum from the lowest cost, in grid steps [-].
 
-    It is 0 where the costs do not bend upward.
-
-    Args:
-        costs: (..., n) on an even grid.
-        lowest: (...) index of the lowest cost, not at either end.
+    Costs (..., n) are on an even grid; `lowest` (...) is the index of the lowest one, not at either end.
+    The offset is 0 where the costs do not bend upward.
     """
     places = np.expand_dims(lowest, -1) + np.arange(-1, 2)
     before, at, after = np.moveaxis(np.take_along_axis(costs, places, -1), -1, 0)

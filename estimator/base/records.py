@@ -70,9 +70,7 @@ def array_on(shared: Any) -> NDArray[Any]:
 def record_array(record: Any, count: int) -> NDArray[Any]:
     """Structured array (count,) of copies of a record.
 
-    Args:
-        record: integers, floats, lists of floats, arrays of places, other records and named tuples.
-        count: number of copies.
+    Its fields are integers, floats, lists of floats, arrays of places, other records and named tuples.
     """
     return np.full(count, np.array(_values(record), dtype=_memory_of(record).layout))
 
@@ -117,11 +115,9 @@ def assign(record: Any, source: Any) -> None:
 
 
 def shifted(record: Record, by: int) -> Record:
-    """Copy a record for a clock that is ahead: all its `Stamp` are later.
+    """Copy a record for a clock that is ahead by some ns: all its `Stamp` are later.
 
-    Args:
-        record: record, with records and named tuples in it, and tuples and dicts of them.
-        by: time that the clock is ahead [ns].
+    It may have records and named tuples in it, and tuples and dicts of them.
     """
     kind: Any = record.kind if isinstance(record, SharedRecord) else type(record)
     return cast(Record, _shift_stamps(plain_copy(kind, record), False, by))
@@ -130,8 +126,7 @@ def shifted(record: Record, by: int) -> Record:
 def _shift_stamps(value: Any, is_stamp: bool, by: int) -> Any:
     """Copy of a value with every stamp in it later by some time [ns]; NEVER stays.
 
-    With `is_stamp` its numbers are stamps, by the type of its field. A record or named tuple looks at the
-    types of its own fields.
+    Numbers are stamps if `is_stamp`; in a record or named tuple by the types of its own fields.
     """
     if names := _names(value):
         hints, fields = field_types(cast(Any, type(value))), {}

@@ -60,11 +60,8 @@ def worker_processes(
 ) -> Iterator[ProcessPoolExecutor]:
     """Open a pool of processes; kill them if the block raises, or this process dies.
 
-    Args:
-        count: number of processes.
-        begin: function that each process calls first, with the arguments; None for none.
-        arguments: arguments of that function, among them locks and shared memory: a process can get
-            these only as it starts.
+    Each process calls `begin` first, with `arguments`. Locks and shared memory must be among these: a
+    process can get them only as it starts.
     """
     context = multiprocessing.get_context("spawn")
     # Nothing is ever sent: a worker that waits at `workers_end` exits when `own_end` is closed, as it is

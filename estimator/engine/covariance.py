@@ -68,12 +68,9 @@ class Covariance:
         return total
 
     def times(self, row: Vector, *parts: tuple[Any, Vector]) -> Vector:
-        """Product with a vector.
+        """Product with a vector: the sum of `row` and `parts`, each a factor and a vector.
 
-        Args:
-            row: the vector, or part of it.
-            parts: the rest, each a factor and a vector. Products with such a vector are computed once
-                for all vectors that it is a part of.
+        Products with such a part are computed once for all vectors that have it.
         """
         all_parts = (*parts, (1.0, row))
         result: Vector = {}
@@ -113,7 +110,7 @@ class Covariance:
     def update(
         self, cross: Vector, inverse_S: Any, fixed: Iterable[int] = (), stand_in: StandIn = None
     ) -> Vector:
-        """Update with a scalar measurement.
+        """Update with a scalar measurement; return the Kalman gain of states not fixed.
 
         Args:
             cross: covariance of the states with the innovation.
@@ -121,9 +118,6 @@ class Covariance:
             fixed: states that the update does not move.
             stand_in: state that it moves in their place, and the Jacobian of the predicted measurement,
                 see `reference.ekf.IcrEkf.update_scalar`.
-
-        Returns:
-            State -> Kalman gain, without the fixed states.
         """
         gain = {i: value * inverse_S for i, value in cross.items() if i not in fixed}
         self._updates.append(ScalarUpdate(gain, cross, inverse_S))
@@ -147,11 +141,7 @@ class Covariance:
         return gain
 
     def inflate(self, share: Any) -> Vector:
-        """Add a share of the variances before the postponed updates to those after them.
-
-        Returns:
-            State -> what was added to its variance.
-        """
+        """Add a share of the variances before the updates; return additions by state."""
         added = {i: share * self._before_updates(i, i) for i in self.states}
         for i, variance in added.items():
             self.add(i, i, variance)

@@ -123,12 +123,9 @@ class BatchFilter:
         return BatchFilter, arguments
 
     def begin(self, first_speeds: Floats, start: Floats, start_sigma: Floats) -> Lanes:
-        """Start all lanes at their first track speeds.
+        """Start all lanes at their first track speeds (width, 2): left, right [m/s].
 
-        Args:
-            first_speeds: (width, 2) speeds of the left and the right track [m/s].
-            start: (3,) pose: x, y [m], yaw [rad].
-            start_sigma: (3,) its standard deviations [m, m, rad].
+        `start` (3,) is the pose x, y [m], yaw [rad], `start_sigma` (3,) its standard deviations.
         """
         rows = self.rows
         workspace = aligned(len(rows) * self.width, self.number).reshape(-1, self.width)
@@ -194,17 +191,9 @@ class BatchFilter:
         fits &= bool(((used_ticks >= 0) & (used_ticks < len(estimates))).all())
         if not fits:
             raise ValueError(WRONG_SIZE)
-        entry(work_through)(
-            self._kernels,
-            workspace,
-            inputs,
-            lanes.constants,
-            table,
-            steps._replace(ticks=since_first),
-            estimates,
-            lanes.fixes,
-            places,
-        )
+        arrays = self._kernels, workspace, inputs, lanes.constants, table
+        steps = steps._replace(ticks=since_first)
+        entry(work_through)(*arrays, steps, estimates, lanes.fixes, places)
 
     def counts(self, lanes: Lanes) -> dict[str, Floats]:
         """Counts (width,) by their names in `icreckon.estimator.engine.layout.COUNTS`."""
@@ -212,9 +201,6 @@ class BatchFilter:
 
     def prepare(self, steps: Steps) -> Floats:
         """Compile or load the kernels of a run, and compute the constants of its steps.
-
-        Args:
-            steps: all steps of the run.
 
         Returns:
             (n, k) constants of each step, the interval of the IMU last, for `work_through`.
@@ -289,8 +275,8 @@ def _kernels(
 ) -> LaneKernels:
     """Compile the kernels of a run, or load them.
 
-    `moves` has 1 if steps without an IMU sample are ticks, 0 if others are; `positions` and `headings`
-    have the times of such fixes, see `time_of_fix`.
+    `moves` are 1 for steps without an IMU sample that are ticks, 0 for others; `positions` and `headings`
+    are each `time_of_fix`.
     """
     usual, move = StepKind(accelerometer=uses_force), StepKind(imu=False, accelerometer=False)
     steps = move, move.reporting()

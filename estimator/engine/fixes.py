@@ -130,8 +130,7 @@ class _PositionFix:
     def follow_departure(self, S: tuple[Any, Any, Any], is_off: Any) -> tuple[Departure, Any]:
         """Inflate the states where fixes that the gate would reject depart from the path.
 
-        Returns:
-            The departure with this fix, and the lanes in which it is followed.
+        It returns the departure with this fix, and the lanes in which it is followed.
         """
         lane, considered = self.lane, self.lane.shape.considered
         departure, is_followed, indicated = departure_after(

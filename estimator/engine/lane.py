@@ -225,13 +225,7 @@ class Lane:
     def kernel(
         self, name: str, flags: Sequence[Any] = (), *, with_fast_slip: bool = False
     ) -> Kernel:
-        """Make a kernel that stores state, covariance and all other changed values.
-
-        Args:
-            name: name of the kernel.
-            flags: flags that it returns, see `Kernel`.
-            with_fast_slip: store the fast slip, too.
-        """
+        """Make a kernel that stores all changed values, and returns `flags`, see `Kernel`."""
         stores = dict(self.stores)
         states = (*self.shape.states, *FAST) if with_fast_slip else self.shape.states
         for n, i in enumerate(states):
@@ -356,10 +350,8 @@ class Lane:
     def add_doubt(self, bias: Any, shared: Any, yaw: Any) -> None:
         """Inflate the gyro's bias, and the yaw that has turned by it.
 
-        Args:
-            bias: variance to add to the bias [rad²/s²].
-            shared: covariance of yaw and bias to add [rad²/s].
-            yaw: variance of the yaw to add [rad²].
+        Added are the variance `bias` [rad²/s²], the covariance `shared` [rad²/s] and the variance `yaw`
+        [rad²].
         """
         self.P.add(s.YAW, s.YAW, yaw)
         if s.GYRO_BIAS in self.P.states and s.GYRO_BIAS not in self.shape.considered:
@@ -406,12 +398,9 @@ class Lane:
     def _projected(
         self, bounds: Iterable[Bound], fixed: Sequence[int], *values: Any
     ) -> tuple[list[Any], Any]:
-        """Project values of the states onto each bound in turn.
+        """Project values of the states onto each bound in turn; True if any has moved.
 
         Each state that is not `fixed` moves by its covariance with the sum that violates the bound.
-
-        Returns:
-            The values, and True if any has moved.
         """
         states, has_moved = self.P.states, cast(Any, False)
         now = dict(zip(states, values, strict=True))

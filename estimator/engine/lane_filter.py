@@ -117,20 +117,9 @@ class LaneSteps:
         kernel_number = IMU_STEP if m.stamp > self._record.stamp else IMU_UPDATE
         yaw, result = self._ekf.x.item(s.YAW), FULL
         while result == FULL:
-            result = self._take_sample(
-                self._lane.places,
-                kernel_number,
-                self._records,
-                self._all_arrays(),
-                m.stamp,
-                readings.stamps,
-                readings.rates,
-                mounting,
-                *m.angular_velocity,
-                *force,
-                uses_force,
-                after_gap,
-            )
+            step = self._lane.places, kernel_number, self._records, self._all_arrays(), m.stamp
+            sample = readings.stamps, readings.rates, mounting, *m.angular_velocity, *force
+            result = self._take_sample(*step, *sample, uses_force, after_gap)
             if result == FULL:
                 readings.make_room()
         if result >= 0 and self._has_watchers():
@@ -183,16 +172,11 @@ class LaneSteps:
         interval: float,
         rejected_for: float,
     ) -> tuple[TakenFix, bool, bool]:
-        """Update with a position fix.
+        """Update with a position fix, which is x, y [m] and the variance of each [m²].
 
-        Args:
-            stamp: its stamp [ns].
-            fix: x, y [m] and the variance of each [m²].
-            antenna: place of the antenna in base_link, forward and left [m].
-            ahead: it lies ahead of the estimate, before the end of the next step.
-            mode: one of `icreckon.estimator.filter.gate`: skipped, gated or forced.
-            interval: time since the fix before, as far as the gate counts it [s].
-            rejected_for: time of rejected fixes so far [s].
+        The antenna is forward and left in base_link [m]. With `ahead` the fix lies ahead of the estimate,
+        before the end of the next step. `mode` is one of `icreckon.estimator.filter.gate`. `interval` is
+        the time since the fix before, as the gate counts it, `rejected_for` that of rejected fixes [s].
 
         Returns:
             The fix; the gate admitted it; it was not used, and the filter is to be relocated.
@@ -219,18 +203,9 @@ class LaneSteps:
     def evaluate(self, ekf: Ekf, left: float, right: float, slip_shares: Triple) -> TwistModel:
         """Body velocity of a filter with the same model and settings, see `Ekf`."""
         twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(ekf.x))), np.empty((3, 2))
-        zeta, epsilon, eta, u, force = self._evaluate_twist(
-            self._lane.places,
-            ekf.x,
-            ekf.model.memory,
-            *self._arrays,
-            float(left),
-            float(right),
-            *map(float, slip_shares),
-            twist,
-            jacobian,
-            by_speeds,
-        )
+        arrays = self._lane.places, ekf.x, ekf.model.memory, *self._arrays
+        inputs, results = map(float, (left, right, *slip_shares)), (twist, jacobian, by_speeds)
+        zeta, epsilon, eta, u, force = self._evaluate_twist(*arrays, *inputs, *results)
         v_x, v_y, w = twist.tolist()
         motion = Motion(PaperTwist(-v_y, v_x, w), IndexValues(zeta, epsilon, eta), u, force)
         return TwistModel(twist, jacobian, by_speeds, motion)

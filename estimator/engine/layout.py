@@ -13,52 +13,23 @@ from icreckon.estimator.sensors.step_inputs import StepInputs
 # Inputs of a step: those of each lane, and those that all lanes share.
 STEP_INPUTS = (
     *StepInputs._fields,
-    "gyro_density",
-    "accelerometer_x_density",
-    "accelerometer_y_density",
-    "quiet_mean",
-    "rate",
-    "roll_rate",
-    "pitch_rate",
-    "tilt_density",
-    "force_x",
-    "force_y",
-    "now_left",
-    "now_right",
+    *("gyro_density", "accelerometer_x_density", "accelerometer_y_density"),
+    *("quiet_mean", "rate", "roll_rate", "pitch_rate", "tilt_density"),
+    *("force_x", "force_y", "now_left", "now_right"),
 )
 FIX_INPUTS = (
-    "fix_x",
-    "fix_y",
-    "fix_yaw",
-    "fix_variance",
-    "yaw_variance",
-    "fix_forward",
-    "fix_left",
-    "fix_mode",
-    "fix_interval",
-    "heading_interval",
+    *("fix_x", "fix_y", "fix_yaw", "fix_variance", "yaw_variance", "fix_forward", "fix_left"),
+    *("fix_mode", "fix_interval", "heading_interval"),
 )
 STEP_CONSTANTS = ("dt", "smoothing")
 SLIP_SHARES = ("share_x", "share_y", "share_w")
 CONSTANTS = (
-    "gauge",
-    "fastest",
-    "mass",
-    "x_CM",
-    "y_CM",
-    "rolling_resistance",
-    "load_lag",
+    *("gauge", "fastest", "mass", "x_CM", "y_CM", "rolling_resistance", "load_lag"),
     "slope_forgetting",
     *Slip.__struct_fields__,
-    "imu_x",
-    "imu_y",
-    "threshold",
-    "patience",
-    "imu_patience",
-    "interval",
+    *("imu_x", "imu_y", "threshold", "patience", "imu_patience", "interval"),
     *SLIP_SHARES,
-    "standstill_duration",
-    "position_threshold",
+    *("standstill_duration", "position_threshold"),
 )
 BOUND = range(s.PARAMETER_COUNT + 1)  # columns of a bound
 # Counts of each gate, the time of rejections first.

@@ -64,8 +64,8 @@ def described(model: MotionModel) -> TracedModel:
 
 def traced_model(model: MotionModel) -> TracedModel | None:
     """Describe a motion model; None if it has no traced form."""
-    found = described(model)
-    return None if found.kind == "plain" else found
+    description = described(model)
+    return None if description.kind == "plain" else description
 
 
 class TracedTwist(NamedTuple):
@@ -114,15 +114,9 @@ class ModelInputs(NamedTuple):
 def twist_model(
     x: Any, inputs: ModelInputs, left: Any, right: Any, slip_shares: Any, states: tuple[int, ...]
 ) -> TracedTwist:
-    """Evaluate the body velocity.
+    """Evaluate the body velocity in a state x (SIZE,), at track speeds [m/s].
 
-    Args:
-        x: (SIZE,) the state.
-        inputs: inputs of the motion model.
-        left: speed of the left track [m/s].
-        right: speed of the right track [m/s].
-        slip_shares: (3,) factors on the slip.
-        states: uncertain states, by which derivatives are wanted.
+    `slip_shares` (3,) are factors on the slip, `states` those by which derivatives are wanted.
     """
     left_factor, right_factor = track_factors(x)
     slip_x, slip_y, slip_w = (
@@ -181,13 +175,10 @@ def climb(now: TracedTwist, gravity: Any) -> Climb:
 
 
 def gravity_rows(angle: Any, tilt: Tilting, kept_share: Any, dt: Any) -> dict[int, Vector]:
-    """Transition of gravity along the ground, which is fixed in odom.
+    """Transition of gravity along the ground, which is fixed in odom, over dt [s].
 
-    Args:
-        angle: turn of the body about its z axis [rad].
-        tilt: turning about its other axes.
-        kept_share: share that is not forgotten where these are not known [-].
-        dt: length of the step [s].
+    The body turns by an angle [rad] about its z axis, and by `tilt` about the others; if the latter is
+    not known, only `kept_share` is not forgotten.
     """
     cos, sin = turn(angle)
     kept_share, down = select(tilt.is_known, 1.0, kept_share), tilt.down * dt
@@ -199,14 +190,9 @@ def gravity_rows(angle: Any, tilt: Tilting, kept_share: Any, dt: Any) -> dict[in
 
 
 def advanced_memory(x: Any, inputs: ModelInputs, left: Any, right: Any, dt: Any) -> list[Any]:
-    """Advance the memory of an index model, see `MotionModel.begin_step`.
+    """Advance the memory of an index model by dt [s], see `MotionModel.begin_step`.
 
-    Args:
-        x: (SIZE,) the state.
-        inputs: inputs of the motion model.
-        left: mean speed of the left track in the step [m/s].
-        right: mean speed of the right track [m/s].
-        dt: length of the step [s].
+    `left` and `right` are mean speeds of the tracks in the step [m/s], x (SIZE,) is the state.
     """
     left_factor, right_factor = track_factors(x)
     speeds, parameters = (left * left_factor, right * right_factor), tuple(x[s.PARAMETERS])

@@ -171,8 +171,8 @@ def lane_places(shape: FilterShape, kernels: Any) -> LanePlaces:
     states, parameters = (*shape.states, *FAST), layout.parameters
 
     def padded(values: Any) -> Any:
-        found = np.array(values, np.uint64)  # unsigned: compiled code tests no sign
-        return np.pad(found, [(0, MOST_STATES - count) for count in found.shape])
+        indices = np.array(values, np.uint64)  # unsigned: compiled code tests no sign
+        return np.pad(indices, [(0, MOST_STATES - count) for count in indices.shape])
 
     by_state = [padded([rows[f"{axis}_by_{i}"] for i in states]) for axis in TWIST[:3]]
     gate = ("rejected_for", "admitted", "z", "S")

@@ -71,14 +71,8 @@ def steps_of(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps, *, headi
     """Make the steps of runs with the same stamps, up to the last IMU sample.
 
     Gaps in the track speeds of a run are not bridged, since other runs have none there: the IMU must be
-    fast enough that filters never wait for it.
-
-    Args:
-        tracks: (n,) stamps of the track speeds, ascending [ns].
-        imu: stamps of the IMU [ns].
-        fixes: stamps of the fixes [ns].
-        ticks: stamps of the estimates to output [ns].
-        heading: True if fixes have a heading.
+    fast enough that filters never wait for it. Stamps ascend [ns]; `ticks` are those of the estimates to
+    output. With `heading` the fixes have one.
 
     Raises:
         BatchError: filters cannot run side by side with such stamps.
@@ -134,13 +128,10 @@ def _walk_from_first_tracks(stamps: SensorStamps) -> Steps:
 
 
 def walk_stamps(state: Any, clocks: Any, stamps: SensorStamps, steps: Steps) -> None:
-    """Walk through the stamps of runs.
+    """Walk through the stamps of runs, which count from the first track speeds.
 
-    Args:
-        state: (1,) state of the walk, changed in place; it `fails` if the walk ends early.
-        clocks: (2,) clocks of the track speeds and of the IMU.
-        stamps: stamps since the first track speeds.
-        steps: written to; with room for two steps for each sample and one for each fix.
+    `state` (1,) is changed in place; it `fails` if the walk ends early. `clocks` (2,) are those of track
+    speeds and IMU. `steps` are written to, with room for two for each sample and one for each fix.
 
     Raises:
         ValueError: an array has the wrong size.
@@ -234,13 +225,9 @@ walk_entry = entry(walk_stamps)
 
 
 def fill_table(table: Floats, starts: Stamps, ends: Stamps, intervals: Floats) -> None:
-    """Fill the constants of each step, the interval of the IMU last.
+    """Fill the constants (n, k) of each step, the interval of the IMU last.
 
-    Args:
-        table: (n, k) written to.
-        starts: stamps of the starts of the steps [ns].
-        ends: stamps of their ends [ns].
-        intervals: time between IMU samples [s].
+    Steps go from `starts` to `ends` [ns]; `intervals` are times between IMU samples [s].
 
     Raises:
         ValueError: an array has the wrong size.

@@ -209,10 +209,7 @@ class Step:
             lane.stores[name] = before + lane.constant("smoothing") * (value - before)
 
     def predict_pose(self) -> PredictedPose:
-        """Predict the pose a step later.
-
-        See `icreckon.estimator.sensors.predictions.pose_ahead`.
-        """
+        """Predict the pose a step later, see `sensors.predictions.pose_ahead`."""
         lane = self.lane
         dt, now = lane.constant("dt"), self.model
         density = self.density(now)

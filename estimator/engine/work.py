@@ -190,11 +190,7 @@ def relocate_lost(
 
 
 def run_kernel(kernel: int, workspace: Floats, step_inputs: Floats, constants: Floats) -> int:
-    """Call a kernel, see `call_kernel`.
-
-    Raises:
-        ValueError: there is none.
-    """
+    """Call a kernel, see `call_kernel`; a ValueError if there is none."""
     if kernel == 0:
         raise ValueError(NOT_COMPILED)
     return call_kernel(kernel, workspace, step_inputs, constants)

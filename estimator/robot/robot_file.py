@@ -240,14 +240,8 @@ class Slip(Bounded, frozen=True):
 def slip_components(V_l: Any, V_r: Any, slip: Slip, effective_gauge: float) -> tuple[Any, Any, Any]:
     """Standard deviations of the slip residual of v_x, v_y, w (REP-103), see `Slip`.
 
-    Args:
-        V_l: speed of the left track [m/s], (n,) or a float.
-        V_r: speed of the right track [m/s], (n,) or a float.
-        slip: shares of turning and driving.
-        effective_gauge: L eta0 [m].
-
-    Returns:
-        Three (n,) or floats [m/s, m/s, rad/s].
+    Track speeds V_l and V_r [m/s] are floats or (n,), as are the results [m/s, m/s, rad/s];
+    `effective_gauge` is L eta0 [m].
     """
     turning, driving = abs(V_r - V_l), 0.5 * abs(V_l + V_r)
     return (
@@ -376,8 +370,7 @@ def robot_names() -> list[str]:
 def load_robot(name_or_path: str | Path) -> Robot:
     """Load a robot by the name of a shipped file, or from a TOML file.
 
-    Args:
-        name_or_path: a name from `robot_names()`, or the path of a `.toml` file.
+    `name_or_path` is a name from `robot_names()`, or the path of a `.toml` file.
 
     Raises:
         EstimatorError: no such robot or file, a misspelt key, a wrong type or a bad value.
@@ -414,10 +407,8 @@ def _not_filled_in(data: Any, name: str = "") -> Iterator[str]:
 def make_robot(name: str, **tables: Mapping[str, Any]) -> Robot:
     """Make a robot without a file; what is left out has its default.
 
-    Args:
-        name: name of the robot.
-        tables: tables of a robot file, as `vehicle={"mass": 30.0, "track_gauge": 0.42,
-            "sprocket_radius": 0.1}`; `vehicle` is required.
+    Tables are those of a robot file, as `vehicle={"mass": 30.0, "track_gauge": 0.42,
+    "sprocket_radius": 0.1}`; `vehicle` is required.
 
     Raises:
         EstimatorError: a misspelt key, a wrong type or a bad value.
@@ -429,9 +420,7 @@ def make_robot(name: str, **tables: Mapping[str, Any]) -> Robot:
 def changed_robot(robot: Robot, changes: Mapping[str, Any]) -> Robot:
     """Copy of a robot with other values.
 
-    Args:
-        robot: the robot.
-        changes: values by their keys in a robot file, as `{"vehicle.track_gauge": 0.45}`.
+    Values are by their keys in a robot file, as `{"vehicle.track_gauge": 0.45}`.
 
     Raises:
         EstimatorError: a misspelt key, a wrong type or a bad value.
@@ -464,7 +453,7 @@ def require_robot(robot: object) -> None:
     """Reject an argument that is not a `Robot`, such as the path of its file.
 
     Raises:
-        EstimatorError: it is not a `Robot`; the message gives the call that loads one.
+        EstimatorError: it is not; the message gives the call that loads one.
     """
     if not isinstance(robot, Robot):
         argument = f"{str(robot)!r}" if isinstance(robot, str | Path) else "path"

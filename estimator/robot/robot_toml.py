@@ -22,9 +22,7 @@ def robot_toml(
 ) -> str:
     """Format a robot as the text of a robot file, as input of `load_robot`.
 
-    Args:
-        robot: the robot.
-        comments: comments by table and key.
+    Comments are by table and key.
     """
     lines = [f"name = {toml_value(robot.name)}", f"format = {robot.format}"]
     if robot.note:
@@ -42,9 +40,8 @@ def robot_toml(
 
 def _table_lines(name: str, values: msgspec.Struct, comments: Mapping[str, str]) -> list[str]:
     """Lines of a table after a blank one; a value of None is left out."""
-    fields = {key: getattr(values, key) for key in values.__struct_fields__}
-    present = {key: value for key, value in fields.items() if value is not None}
-    lines = [_line(key, value, comments.get(key, "")) for key, value in present.items()]
+    fields = ((key, getattr(values, key)) for key in values.__struct_fields__)
+    lines = [_line(key, value, comments.get(key, "")) for key, value in fields if value is not None]
     return ["", f"[{name}]", *lines]
 
 

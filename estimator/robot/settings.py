@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, ClassVar, Literal, get_args
 
 import msgspec
 
@@ -95,12 +95,9 @@ class FixWander(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         require_wander("FixWander.sigma", self.sigma, "FixWander.time", self.time)
 
     def at_start(self, sigma: float) -> float:
-        """Standard deviation of a start from fixes that the filter uses once more [m].
+        """Standard deviation [m] of a start from fixes with this white `sigma` [m].
 
-        It is so large that the start has no weight against the fixes, whose wander is its error.
-
-        Args:
-            sigma: that of the white part of the fixes [m].
+        The filter uses these fixes once more: it is so large that the start has no weight against them.
         """
         return math.hypot(sigma, 3.0 * self.sigma)
 
@@ -112,9 +109,8 @@ class FixWander(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             EstimatorError: a value is not valid.
         """
         columns = robot.log.get("columns")
-        tables: list[Any] = [robot.log.get("fixes")]
-        tables.append(columns.get("fixes") if isinstance(columns, dict) else None)
-        for table in tables:
+        of_columns = columns.get("fixes") if isinstance(columns, dict) else None
+        for table in (robot.log.get("fixes"), of_columns):
             if isinstance(table, dict) and table.get("wander_sigma"):
                 return cls(table["wander_sigma"], table.get("wander_time", 0.0))
         return cls()
@@ -178,9 +174,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def wander_of(robot: Robot, settings: Settings) -> FixWander:
-    """Wander of the fixes that a filter estimates.
-
-    It is that of the settings, or else of the robot file.
+    """Wander of the fixes that a filter estimates: of the settings, else of the robot.
 
     Raises:
         EstimatorError: a value in the robot file is not valid.

@@ -171,9 +171,7 @@ def register(variant: Variant) -> None:
 def default_adaptation(variant: str, **changes: float) -> Adaptation:
     """Default adaptation of a variant, with changes.
 
-    Args:
-        variant: name of the filter variant.
-        changes: values of `Adaptation` to replace, in its units.
+    The changes are values of `Adaptation` to replace, in its units.
 
     Raises:
         EstimatorError: an unknown variant or name, or an invalid value.

@@ -31,15 +31,13 @@ def on_dark(colour: str) -> str:
     """Lighten a colour "#rrggbb" until it is seen on a dark background."""
     if colour in DARK:
         return DARK[colour]
-    parts = [int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
-    while _luminance(parts) < LEAST_LUMINANCE:
-        parts = [part + STEP * (1.0 - part) for part in parts]
-    return "#" + "".join(f"{round(255.0 * part):02x}" for part in parts)
+    rgb = [int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
+    while _luminance(rgb) < LEAST_LUMINANCE:
+        rgb = [share + STEP * (1.0 - share) for share in rgb]
+    return "#" + "".join(f"{round(255.0 * share):02x}" for share in rgb)
 
 
-def _luminance(parts: list[float]) -> float:
-    """Relative luminance of sRGB parts, by WCAG."""
-    linear = [
-        part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts
-    ]
-    return sum(weight * part for weight, part in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+def _luminance(rgb: list[float]) -> float:
+    """Relative luminance of an sRGB colour, by WCAG."""
+    red, green, blue = (x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in rgb)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue

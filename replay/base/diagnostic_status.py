@@ -24,13 +24,9 @@ class DiagnosticStatus(NamedTuple):
 def estimate_status(
     name: str, covariance: Floats, twist: Floats, details: Mapping[str, str] | None = None
 ) -> DiagnosticStatus:
-    """Make the status of an estimate: its uncertainty and its twist.
+    """Make the status of an estimate, with its uncertainty and its twist as details.
 
-    Args:
-        name: name of the component.
-        covariance: (3, 3) covariance of x, y [m], yaw [rad].
-        twist: (3,) v_x, v_y [m/s], w [rad/s] of base_link.
-        details: further values by key.
+    `covariance` (3, 3) is of x, y [m], yaw [rad]; `twist` (3,) is v_x, v_y [m/s], w [rad/s] of base_link.
     """
     position = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))
     yaw = math.degrees(math.sqrt(max(float(covariance[2, 2]), 0.0)))

@@ -30,4 +30,4 @@ OF_ROBOT_FILE = "robot file: "  # first words of the notes on a log that contrad
 
 def coarse_stamps(notes: Iterable[str]) -> list[str]:
     """Notes on coarse stamps, among those of a log."""
-    return [one for one in notes if one.startswith(OF_STAMPS)]
+    return [note for note in notes if note.startswith(OF_STAMPS)]

@@ -34,7 +34,7 @@ def written_beside(
 
     The temporary path has the same name, in a temporary folder next to `path` that is always
     removed; if the process is killed, by the next one that writes to `path`. If the block raises, `path`
-    is left unchanged. Missing parent folders are made.
+    is left unchanged. Missing parent folders are made, and nothing is at the path to write to.
 
     Args:
         path: target, a file or a folder.
@@ -46,9 +46,6 @@ def written_beside(
         mark: bytes in the first or last `MARKED` of a file that is replaced, and of a folder's `marker`.
         keeps_foreign: whether a folder gets a list of its files, and files that a person has put into
             the one before it are kept.
-
-    Yields:
-        The path to write to; nothing is there yet.
 
     Raises:
         ReplayError: something is there and may not be replaced, another process writes to `path`, or
@@ -117,7 +114,7 @@ def _scratches(path: Path) -> list[Path]:
     """Temporary folders of an output at a path."""
     name = re.compile(rf"\.{re.escape(path.name)}\.[a-z0-9_]{{8}}")
     try:
-        return [one for one in path.parent.iterdir() if name.fullmatch(one.name)]
+        return [place for place in path.parent.iterdir() if name.fullmatch(place.name)]
     except OSError:
         return []
 
@@ -135,18 +132,14 @@ def _remove_abandoned(path: Path) -> None:
 
 def _files(folder: Path) -> set[str]:
     """Paths of the files in a folder, relative to it."""
-    return {
-        one.relative_to(folder).as_posix()
-        for one in folder.rglob("*")
-        if one.is_symlink() or not one.is_dir()
-    }
+    places = (place for place in folder.rglob("*") if place.is_symlink() or not place.is_dir())
+    return {place.relative_to(folder).as_posix() for place in places}
 
 
 def _copy_foreign(former: Path, new: Path) -> None:
     """List the files of a new folder; copy to it what a person put into the former.
 
-    A file whose name is taken keeps its content under its name with ".kept". A former folder without a
-    list has no foreign files.
+    A file whose name is taken gets the suffix ".kept". A former folder without a list has no such files.
     """
     (new / MANIFEST).write_text("\n".join(sorted(_files(new))) + "\n", encoding="utf-8")
     if not (former / MANIFEST).is_file():

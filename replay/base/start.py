@@ -30,13 +30,8 @@ class Start(NamedTuple):
 def align_path(path: Floats, fixes: Floats, sigma: float) -> Start | None:
     """Fit a path rigidly to fixes; None if its yaw is not observable.
 
-    Args:
-        path: (n, 2) positions by dead reckoning at the stamps of the fixes [m].
-        fixes: (n, 2) positions of the fixes [m].
-        sigma: their standard deviation [m].
-
-    Returns:
-        Pose of the path's frame in that of the fixes.
+    The path (n, 2) is that of dead reckoning at the stamps of the fixes (n, 2) [m], whose standard
+    deviation is `sigma` [m]. The result is the pose of the path's frame in that of the fixes.
     """
     path_centre, fix_centre = path.mean(axis=0), fixes.mean(axis=0)
     path_offsets, fix_offsets = path - path_centre, fixes - fix_centre

@@ -1,29 +1,17 @@
 """Units of the estimated states: suffixes of column names and labels of axes."""
 
-# Name of the state -> (suffix of its column, unit on an axis). States: docs/explanation/model.md.
-UNITS: dict[str, tuple[str, str]] = {
-    "zeta0": ("m", "m"),
-    "zeta1": ("m_per_N", "m/N"),
-    "epsilon0": ("m", "m"),
-    "epsilon1": ("m_per_N", "m/N"),
-    "eta1": ("per_N", "1/N"),
-    "eta2": ("per_N2", "1/N²"),
-    "epsilon_F": ("m", "m"),
-    "turn_l": ("per_m", "1/m"),
-    "turn_r": ("per_m", "1/m"),
-    "half_contact_length": ("m", "m"),
-    "x_CM": ("m", "m"),
-    "y_CM": ("m", "m"),
-    "z_CM": ("m", "m"),
-    "slip_x": ("m_s", "m/s"),
-    "slip_y": ("m_s", "m/s"),
-    "slip_w": ("rad_s", "rad/s"),
-    "gyro_bias": ("rad_s", "rad/s"),
-    "accelerometer_bias_x": ("m_s2", "m/s²"),
-    "accelerometer_bias_y": ("m_s2", "m/s²"),
-    "gravity_x": ("m_s2", "m/s²"),
-    "gravity_y": ("m_s2", "m/s²"),
+# (suffix of a column, unit on an axis) -> names of the states. States: docs/explanation/model.md.
+NAMES = {
+    ("m", "m"): ("zeta0", "epsilon0", "epsilon_F", "half_contact_length", "x_CM", "y_CM", "z_CM"),
+    ("m_per_N", "m/N"): ("zeta1", "epsilon1"),
+    ("per_N", "1/N"): ("eta1",),
+    ("per_N2", "1/N²"): ("eta2",),
+    ("per_m", "1/m"): ("turn_l", "turn_r"),
+    ("m_s", "m/s"): ("slip_x", "slip_y"),
+    ("rad_s", "rad/s"): ("slip_w", "gyro_bias"),
+    ("m_s2", "m/s²"): ("accelerometer_bias_x", "accelerometer_bias_y", "gravity_x", "gravity_y"),
 }
+UNITS = {name: units for units, names in NAMES.items() for name in names}
 PURE_NUMBER = ("", "-")
 
 

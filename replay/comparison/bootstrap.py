@@ -90,11 +90,8 @@ class PairedDrift:
         return Estimate(value, (min(low, value), max(high, value)))
 
     def _sums(self, values: Floats, starts: NDArray[np.int64]) -> Floats:
-        """Sums (replicates,) of values (n,) over drawn blocks, circular in each log.
-
-        `starts` (replicates, blocks) are the first segments of the blocks.
-        """
-        block_sums = []  # of the block that starts at each segment
+        """Sums of values (n,) over the blocks that begin at `starts` (replicates, blocks)."""
+        block_sums = []  # of the block that starts at each segment, circular in its log
         for log in np.split(values, np.cumsum(self.counts)[:-1]) if self.counts else [values]:
             if len(log):
                 repeated = np.tile(log, 1 + math.ceil(self.block / len(log)))

@@ -3,12 +3,12 @@
 import multiprocessing
 import pickle
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, wait
+from concurrent.futures import FIRST_COMPLETED, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import zip_longest
-from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, TypeVar
@@ -56,7 +56,7 @@ SMOOTHING_COST = 3  # time of filtering and smoothing over that of filtering alo
 Progress = Callable[[float], None]
 # Run of a variant, with the smoothed one if requested; instead of a run, the failure.
 Outcome = tuple[Run | LostFilter, ...]
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 Place = tuple[float, float, float]
 
 
@@ -120,7 +120,6 @@ def compare(
     """
     require_part("log", log, Log)
     require_robot(robot)
-    report = progress or (lambda _: None)
     variants = (variants,) if isinstance(variants, str) else tuple(variants)
     fixes = parse_part(fixes) if isinstance(fixes, str) else fixes
     for name in variants:
@@ -135,11 +134,10 @@ def compare(
         start = _pose_at(log.truth, log.start)
         sigma = (0.0, 0.0, 0.0) if alignment is None else alignment.start_sigma
     elif log.fixes is not None:
-        start, sigma = _first_found(
-            variants, lambda name: start_from_fixes(log, robot, name, settings)
-        )
+        begin = partial(start_from_fixes, log, robot, settings=settings)
+        start, sigma = _first_successful(variants, begin)
     task = _Task(log, robot, settings, start, sigma, smooth)
-    outcomes = _outcomes(task, variants, workers, report)
+    outcomes = _outcomes(task, variants, workers, progress or (lambda _: None))
     # All filtered runs precede the smoothed ones.
     results = [result for kind in zip_longest(*outcomes) for result in kind if result is not None]
     failed = {lost.variant: lost for lost in results if isinstance(lost, LostFilter)}
@@ -180,25 +178,25 @@ def _aligned(
     if truth is None or (truth.twists is not None and truth.headings):
         return log, None
     unaided = _Task(replace(log, fixes=None), robot, settings)
-    reckoned = _first_found(variants, unaided.only_run)
-    found = align_truth(truth, reckoned.trajectory, imu=log.imu)
-    if not truth.headings and found.headings is None:
+    reckoned = _first_successful(variants, unaided.only_run)
+    alignment = align_truth(truth, reckoned.trajectory, imu=log.imu)
+    headings = alignment.headings
+    if not truth.headings and headings is None:
         note = (
             "the truth has no headings, and the robot moves too little to find them from its path: the "
             "truth is not used"
         )
         return replace(log, truth=None, notes=(*log.notes, note)), None
-    notes = (*log.notes, *found.notes)
+    notes = (*log.notes, *alignment.notes)
     if truth.source == OF_FIXES:
-        white = "" if found.headings is None else f" (they scatter by {found.headings.noise:.2f} m)"
-        notes = (
-            *notes,
+        white = "" if headings is None else f" (they scatter by {headings.noise:.2f} m)"
+        notes += (
             f"without a truth, the fixes that are not used are scored against: their own errors{white}, "
             "wander of metres with plain GPS, are in the figures, most of all in drift over short times",
             "the error at the end is that of one cut: other parts, as --fixes 0:20% and --fixes 0:60%, "
             "show how much it varies",
         )
-    return replace(log, truth=found.truth, notes=notes), found
+    return replace(log, truth=alignment.truth, notes=notes), alignment
 
 
 def _from_own_start(unaided: Run, log: Log, common: TruthAlignment, start: Place) -> Run:
@@ -218,7 +216,7 @@ def _all_failed(failed: Sequence[LostFilter]) -> ReplayError:
     return ReplayError(f"no variant has a result: {'; '.join(map(str, failed))}")
 
 
-def _first_found(variants: Sequence[str], attempt: Callable[[str], Found]) -> Found:
+def _first_successful(variants: Sequence[str], attempt: Callable[[str], Result]) -> Result:
     """Result for the alignment variant, or for the first one whose filter is not lost."""
     failed = []
     for name in dict.fromkeys((ALIGNMENT_VARIANT, *variants)):
@@ -251,7 +249,7 @@ class _Task:
         begin, length = self.log.start, max(1, self.log.end - self.log.start)
         runner = smooth_run if self.smooth else run
         try:
-            found = runner(
+            result = runner(
                 replace(self.log, truth=None),  # the filter must not see it
                 self.robot,
                 variant,
@@ -266,16 +264,16 @@ class _Task:
             raise
         except Exception as problem:
             return (LostFilter(variant, described(problem)),)
-        runs = (found,) if isinstance(found, Run) else found
+        runs = (result,) if isinstance(result, Run) else result
         # A run that ended in numbers that are not finite is a failure, too.
-        return tuple(loss_of(result, begin) or result for result in runs)
+        return tuple(loss_of(each, begin) or each for each in runs)
 
     def only_run(self, variant: str) -> Run:
         """Run a variant without smoothing; raise its LostFilter if it has no result."""
-        ((found,),) = _outcomes(self, (variant,), 1, lambda _: None)
-        if isinstance(found, LostFilter):
-            raise found
-        return found
+        (result,) = self.run(variant, lambda _: None)
+        if isinstance(result, LostFilter):
+            raise result
+        return result
 
 
 def _outcomes(
@@ -323,32 +321,25 @@ class _Worker:
 def _in_processes(
     task: _Task, variants: Sequence[str], workers: int, progress: Progress
 ) -> list[Outcome]:
-    """Run the variants in processes, which report progress in a shared array."""
+    """Run the variants in processes; report the mean of the progress of each."""
     context = multiprocessing.get_context("spawn")
-    slots: Synchronized[Any] = context.Array("d", len(variants))  # type: ignore[assignment]
+    slots: Any = context.Array("d", len(variants))  # share that is done of each variant
     count = min(workers, len(variants))
     with ExitStack() as stack:
         # Passed in a file: with a large argument, this process would wait forever for a dead worker.
         path = Path(stack.enter_context(TemporaryDirectory())) / "task"
         path.write_bytes(pickle.dumps(task))
         pool = stack.enter_context(worker_processes(count, _Worker.begin, (path, slots)))
-        return _wait_for_all(pool, variants, slots, progress)
-
-
-def _wait_for_all(
-    pool: Executor, variants: Sequence[str], slots: Any, progress: Progress
-) -> list[Outcome]:
-    """Outcomes of all variants, in their order; reports the mean progress meanwhile."""
-    try:
-        futures = [pool.submit(_Worker.work, *job) for job in enumerate(variants)]
-        waiting = set(futures)
-        while waiting:
-            _, waiting = wait(waiting, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
-            shares = (1.0 if future.done() else slots[i] for i, future in enumerate(futures))
-            progress(sum(shares) / len(futures))
-        return [future.result() for future in futures]
-    except BrokenProcessPool:
-        raise ReplayError(
-            'a worker process ended; a script that uses several needs `if __name__ == "__main__":` '
-            "around its commands, else workers=1 (--workers 1) needs none"
-        ) from None
+        try:
+            futures = [pool.submit(_Worker.work, *job) for job in enumerate(variants)]
+            waiting = set(futures)
+            while waiting:
+                _, waiting = wait(waiting, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
+                shares = (1.0 if future.done() else slots[i] for i, future in enumerate(futures))
+                progress(sum(shares) / len(futures))
+            return [future.result() for future in futures]
+        except BrokenProcessPool:
+            raise ReplayError(
+                'a worker process ended; a script that uses several needs `if __name__ == "__main__":` '
+                "around its commands, else workers=1 (--workers 1) needs none"
+            ) from None

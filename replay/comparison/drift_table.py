@@ -37,30 +37,25 @@ def baseline_of(names: list[str]) -> str:
 
 def drift_scores(drifts: Mapping[str, PairedDrift], name: str, baseline: str) -> Results:
     """Drift scores of a variant, by the horizon, with 95 % intervals."""
-    found: Results = {}
+    scores: Results = {}
     for label, paired in drifts.items():
         percent, ratio = paired.percent(name), paired.ratio(name, baseline)
-        found[f"drift_percent_{label}_mean"] = percent.value
-        found[f"drift_percent_{label}_95"] = listed(percent)
-        found[f"drift_segments_{label}"] = len(paired.distances)
-        found[f"drift_ratio_{label}"] = ratio.value
-        found[f"drift_ratio_{label}_95"] = listed(ratio)
-    return found
+        scores[f"drift_percent_{label}_mean"] = percent.value
+        scores[f"drift_percent_{label}_95"] = listed(percent)
+        scores[f"drift_segments_{label}"] = len(paired.distances)
+        scores[f"drift_ratio_{label}"] = ratio.value
+        scores[f"drift_ratio_{label}_95"] = listed(ratio)
+    return scores
 
 
 def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
-    """Name the filter with the least drift, and those not significantly worse.
-
-    Returns:
-        The verdict, or None if no stretch is long enough for a score.
-    """
+    """Name the filter with the least drift, and those not worse; None without scores."""
     labels = [label for label in VERDICT_HORIZONS if len(drifts[label].distances)]
     if not labels:
         return None
     # All variants have an interval, or none has: it depends on the number of blocks.
     first = drifts[labels[0]].names[0]
-    with_interval = [label for label in labels if drifts[label].percent(first).interval is not None]
-    label = with_interval[0] if with_interval else labels[0]
+    label = next((label for label in labels if drifts[label].percent(first).interval), labels[0])
     paired = drifts[label]
     names = [name for name in paired.names if not name.endswith(SMOOTHED)]
     percents = {name: paired.percent(name) for name in names}

@@ -79,7 +79,7 @@ def with_truth_of_fixes(log: Log) -> Log:
 def with_fixes_within(log: Log, part: LogPart) -> Log:
     """Restrict a log's fixes to a part of it; take them from the truth if it has none.
 
-    Other measurements of heading or pose (`log.others`) are restricted, too.
+    Other measurements of heading or pose are restricted, too.
 
     Raises:
         ReplayError: the part is empty, or the log has neither fixes nor truth.

@@ -39,8 +39,9 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     # Errors that wander do not average out along the path.
     until = _stamp_after(log, max(BEGINNING, SIGMAS * math.hypot(white_sigma, wander.sigma)))
     without_wander = replace_setting(settings, wander=FixWander())
-    beginning = run(_beginning(log, until), robot, variant, settings=without_wander)
-    path = beginning.trajectory.pose_series
+    # Only the tracks and the IMU.
+    beginning = replace(log.between(log.start, until), fixes=None, truth=None, others=())
+    path = run(beginning, robot, variant, settings=without_wander).trajectory.pose_series
     used = (fixes.stamps >= path.stamps[0]) & (fixes.stamps <= min(until, path.stamps[-1]))
     if not used.any():
         return EXACT_ORIGIN
@@ -92,12 +93,6 @@ def _stamp_after(log: Log, distance: float) -> int:
     at_fix = 0.0 if log.fixes is None else float(np.interp(log.fixes.stamps[0], stamps, driven))
     row = int(np.searchsorted(driven, at_fix + distance))
     return int(stamps[min(row, len(stamps) - 1)])
-
-
-def _beginning(log: Log, until: int) -> Log:
-    """Log of only the tracks and the IMU up to a stamp [ns]."""
-    beginning = log.between(log.start, until)
-    return replace(beginning, fixes=None, truth=None, others=())
 
 
 def _first_heading(log: Log) -> tuple[float, float] | None:

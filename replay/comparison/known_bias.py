@@ -39,9 +39,9 @@ class KnownBias:
 def known_bias(run: Run, log: Log, robot: Robot, within: list[tuple[int, int]]) -> KnownBias | None:
     """Estimate from the truth the gyro bias that `gyro` could not learn.
 
-    The log must hold the aligned truth, with its own headings or those of its path. `within` are the
-    scored intervals of stamps [ns]. None if `gyro` learnt its bias in nearly all of them, if the truth
-    shows none, one larger than `LARGEST`, or none that differs significantly from the used one.
+    The log must hold the aligned truth; `within` are the scored intervals of stamps [ns]. None if `gyro`
+    learnt its bias in nearly all of them, or if the truth shows no bias that differs significantly from
+    the used one, or one larger than `LARGEST`.
     """
     if log.truth is None or log.imu is None:
         return None
@@ -54,7 +54,7 @@ def known_bias(run: Run, log: Log, robot: Robot, within: list[tuple[int, int]]) 
         return None
     used = float(run.states[unlearnt, s.GYRO_BIAS].mean())
     rates = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
-    found = bias_while_driving(replace(log, truth=replace(log.truth, headings=True)), rates)
-    if found is None or found.source != "truth" or abs(found.value) > LARGEST:
+    bias = bias_while_driving(replace(log, truth=replace(log.truth, headings=True)), rates)
+    if bias is None or bias.source != "truth" or abs(bias.value) > LARGEST:
         return None
-    return KnownBias(used, found.value, found.sigma) if found.differs(used) else None
+    return KnownBias(used, bias.value, bias.sigma) if bias.differs(used) else None

@@ -90,6 +90,7 @@ def compare_many(
     if not logs or not named:
         raise ReplayError("no log or no robot: give at least one of each")
     labels = unique([log.name if isinstance(log, Log) else label_of(Path(log)) for log in logs])
+    options: Any = {"settings": settings, "fixes": fixes, "smooth": smooth, "workers": workers}
     scored: list[CaseScores] = []
     failed: list[Results] = []
     for label, given in zip(labels, logs, strict=True):
@@ -97,15 +98,7 @@ def compare_many(
             case = Case(label, name)
             try:
                 log = given if isinstance(given, Log) else read_log(given, robot)
-                comparison = compare(
-                    log,
-                    robot,
-                    variants,
-                    settings=settings,
-                    fixes=fixes,
-                    smooth=smooth,
-                    workers=workers,
-                )
+                comparison = compare(log, robot, variants, **options)
                 drifts = comparison_drifts(comparison)
                 summary = summarise(
                     comparison, robot, command="compare_many", drifts=drifts, series=False
@@ -127,7 +120,7 @@ def label_of(path: Path) -> str:
 
 def unique(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
     """Append numbers to labels that repeat or are taken, in any case of letters."""
-    found: list[str] = []
+    numbered: list[str] = []
     used = {label.casefold() for label in taken}
     for label in labels:
         name, number = label, 1
@@ -135,8 +128,8 @@ def unique(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
             number += 1
             name = f"{label}-{number}"
         used.add(name.casefold())
-        found.append(name)
-    return found
+        numbered.append(name)
+    return numbered
 
 
 def case_scores(case: Case, comparison: Comparison, summary: Results, drifts: Drifts) -> CaseScores:
@@ -163,9 +156,9 @@ def summarise_many(
 ) -> Results:
     """Summarise several logs, or several robot files.
 
-    "logs" lists each log and robot with its own scores. "pooled" holds, by robot, the scores of all logs
-    together: summed errors over summed distances, with intervals over blocks of all logs. "ratios"
-    compares each robot with the first, by variant, on the same segments.
+    "logs" lists each log and robot with its own scores. "pooled" holds, by robot, summed errors over
+    summed distances of all logs, with intervals over blocks of all logs. "ratios" compares each robot
+    with the first, by variant, on the same segments.
 
     Raises:
         ReplayError: no log has results.
@@ -176,7 +169,7 @@ def summarise_many(
     robots = list(dict.fromkeys(scores.case.robot for scores in scored))
     names = dict.fromkeys(name for scores in scored for name in scores.results["variants"])
     baseline = drift_table.baseline_of([name for name in names if not name.endswith(SMOOTHED)])
-    found: Results = {
+    results: Results = {
         "format": FORMAT,
         "command": command,
         "configuration": configuration,
@@ -194,7 +187,7 @@ def summarise_many(
         },
         "ratios": _ratios(scored, robots),
     }
-    cleaned: Results = json_types(found)
+    cleaned: Results = json_types(results)
     return cleaned
 
 
@@ -228,24 +221,18 @@ def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:
 def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
     """Scores of a robot file over all logs with a truth, and the verdict."""
     # A log without a stretch of dead reckoning has nothing to pool.
-    pairs = [(case, drift_table.paired_drifts(case.drifts)) for case in scored]
-    pairs = [
-        (case, drifts)
-        for case, drifts in pairs
-        if any(len(drift.distances) for drift in drifts.values())
-    ]
+    all_pairs = [(case, drift_table.paired_drifts(case.drifts)) for case in scored]
+    pairs = [pair for pair in all_pairs if any(len(drift.distances) for drift in pair[1].values())]
     logs = [drifts for _, drifts in pairs]
     names = list(dict.fromkeys(name for case in scored for name in case.results["variants"]))
     variants: dict[str, Results] = {}
     for name in names:
-        with_variant = [log for log in logs if all(name in drift.names for drift in log.values())]
+        with_variant = _with_variants(logs, name)
         variants[name] = {"logs": len(with_variant)} | _nees(scored, name)
         if with_variant:
             joined = _joined(with_variant, [name])
             variants[name] |= drift_table.drift_scores(joined, name, name)
-        with_both = [
-            log for log in with_variant if all(baseline in drift.names for drift in log.values())
-        ]
+        with_both = _with_variants(logs, name, baseline)
         joined = _joined(with_both, [name, baseline]) if with_both else {}
         for label in drift_table.horizon_labels():
             ratio = joined[label].ratio(name, baseline) if joined else NO_RATIO
@@ -258,6 +245,11 @@ def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
         "verdict": _pooled_verdict(logs, names, baseline) if logs else None,
         "variants": variants,
     }
+
+
+def _with_variants(logs: Sequence[LogDrifts], *names: str) -> list[LogDrifts]:
+    """Logs over which all these variants have results."""
+    return [log for log in logs if all({*names} <= {*drift.names} for drift in log.values())]
 
 
 def _pooled_verdict(
@@ -290,16 +282,16 @@ def _joined(logs: Sequence[LogDrifts], names: Sequence[str]) -> dict[str, Paired
 
 def _nees(scored: Sequence[CaseScores], name: str) -> Results:
     """Mean NEES of a variant over all logs, and number of poses and positions."""
-    found: Results = {}
+    means: Results = {}
     for kind in ("nees_pose", "nees_position"):
         logs = [scores.results["variants"].get(name, {}) for scores in scored]
         known = [log for log in logs if log.get(f"{kind}_mean") is not None]
         poses = sum(log["nees_poses"] for log in known)
         # Each log counts by its number of poses.
         total = sum(log[f"{kind}_mean"] * log["nees_poses"] for log in known)
-        found[f"{kind}_mean"] = total / poses if poses else math.nan
-        found[f"{kind}_poses"] = poses
-    return found
+        means[f"{kind}_mean"] = total / poses if poses else math.nan
+        means[f"{kind}_poses"] = poses
+    return means
 
 
 def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
@@ -322,11 +314,11 @@ def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
 
 
 def _ratio(logs: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
-    """Ratio of a variant's drift between two robot files; empty if no log has both.
+    """Ratio of a variant's drift with another robot file to that with the first.
 
-    `logs` are the scores of each log with the first and with the other robot file.
+    `logs` are the scores of each log with both files. Empty if no log has both for the variant.
     """
-    found: Results = {}
+    ratios: Results = {}
     for label in drift_table.horizon_labels():
         pairs = []
         for first, other in logs:
@@ -334,15 +326,17 @@ def _ratio(logs: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
             if name in first_drifts and name in other_drifts:
                 # A larger lag moves the stamps of the truth further back.
                 later = first.lag - other.lag
-                drifts = bootstrap.matched_drifts(
-                    first_drifts[name], other_drifts[name], later=later
-                )
-                named = dict(zip(("first", "other"), drifts, strict=True))
+                matched = first_drifts[name], other_drifts[name]
+                matched = bootstrap.matched_drifts(*matched, later=later)
+                named = dict(zip(("first", "other"), matched, strict=True))
                 pairs.append(bootstrap.paired_drift(named))
         if not pairs:
             return {}
         joined = bootstrap.pooled_drift(pairs)
         ratio = joined.ratio("other", "first")
-        found[f"ratio_{label}"], found[f"ratio_{label}_95"] = ratio.value, drift_table.listed(ratio)
-        found[f"segments_{label}"] = len(joined.distances)
-    return found | {"logs": len(pairs)}
+        ratios[f"ratio_{label}"], ratios[f"ratio_{label}_95"] = (
+            ratio.value,
+            drift_table.listed(ratio),
+        )
+        ratios[f"segments_{label}"] = len(joined.distances)
+    return ratios | {"logs": len(pairs)}

@@ -46,12 +46,12 @@ def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
     most = series_points((log.end - log.start) * NANOSECOND)
     stamps = first_run.stamps[picks(len(first_run.stamps), most)]
     truths = {} if log.truth is None else truths_of(comparison)
-    shown = truths[headline] if truths else None
+    shown, path = truths.get(headline), first_run.trajectory.pose_series
     series: Results = {"t_s": _rounded((stamps - log.start) * NANOSECOND), "variants": {}}
     series["inputs"] = _inputs(log, robot, stamps)
     if log.truth is not None and shown is not None:
         series["truth"] = _true_columns(log.truth, shown.truth, stamps)
-    path = first_run.trajectory.pose_series if shown is None else shown.truth.poses
+        path = shown.truth.poses
     series["distance_m"] = _rounded(np.interp(stamps, path.stamps, path_length(path)), DECIMALS)
     if log.fixes is not None:
         rows = picks(len(log.fixes.stamps), most)
@@ -59,10 +59,9 @@ def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
         places = _columns(POSE[:2], log.fixes.poses[rows, :2], DECIMALS)
         series["fixes"] = {"t_s": _rounded(times), **places}
     for name, run in comparison.runs.items():
-        point = np.zeros(2)
+        point, truth = np.zeros(2), None
         if shown is not None:
-            point = np.subtract(truths[name].lever_arm, shown.lever_arm)
-        truth = truths[name].truth if truths else None
+            point, truth = np.subtract(truths[name].lever_arm, shown.lever_arm), truths[name].truth
         series["variants"][name] = _run_columns(run, stamps, point, truth) | {
             "parameters": _parameters(run, log.start),
             "innovations": _innovations(run, log.start),
@@ -201,14 +200,14 @@ def _parameters(run: Run, start: int) -> Results:
 
 def _innovations(run: Run, start: int) -> Results:
     """Normalised innovations of each component of a sensor, on its own times."""
-    found = {}
+    by_component = {}
     for name, column in zip(run.innovation_names, run.innovations.T, strict=True):
         known = np.flatnonzero(np.isfinite(column))
         if len(known):
             rows = known[picks(len(known), INNOVATION_POINTS)]
             times = _rounded((run.stamps[rows] - start) * NANOSECOND, 2)
-            found[name] = {"t_s": times, "normalised": _rounded(column[rows], 2)}
-    return found
+            by_component[name] = {"t_s": times, "normalised": _rounded(column[rows], 2)}
+    return by_component
 
 
 def _true_indices(truth: Truth, stamps: Stamps) -> Results:
@@ -235,7 +234,8 @@ def _nearest(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
 
 def _columns(names: Sequence[str], values: Floats, decimals: int | None = None) -> Results:
     """Columns of a table (n, k), rounded, by their names."""
-    return {name: _rounded(one, decimals) for name, one in zip(names, values.T, strict=True)}
+    columns = zip(names, values.T, strict=True)
+    return {name: _rounded(column, decimals) for name, column in columns}
 
 
 def _rounded(values: ArrayLike, decimals: int | None = None) -> list[float | None]:

@@ -83,7 +83,10 @@ def summarise(
         for name, run in comparison.runs.items():
             variants[name] = differences(run, comparison.runs[reference])
     for name, run in comparison.runs.items():
-        variants[name]["fault_spans_s"] = _fault_spans(run, log.start)
+        variants[name]["fault_spans_s"] = {
+            f"{fault}: {part}": _in_seconds(spans.tolist(), log.start)
+            for (fault, part), spans in run.fault_spans().items()
+        }
     results: Results = {
         "format": FORMAT,
         "command": command,
@@ -153,22 +156,13 @@ def _in_seconds(spans: Sequence[Interval], start: int) -> list[list[float]]:
     return [[(begin - start) * NANOSECOND, (end - start) * NANOSECOND] for begin, end in spans]
 
 
-def _fault_spans(run: Run, start: int) -> dict[str, list[list[float]]]:
-    """Intervals of each fault and its part that the filter found [s]."""
-    found = run.fault_spans().items()
-    return {
-        f"{fault}: {part}": _in_seconds(spans.tolist(), start) for (fault, part), spans in found
-    }
-
-
 def _findings(comparison: Comparison) -> list[str]:
     """Notes on the sensors by the filters: fixes, IMU tilt."""
     runs, notes = comparison.runs, []
     healths = {name: runs[name].health for name in runs if not name.endswith(SMOOTHED)}
-    wander_of = {name: health.wander for name, health in healths.items()}
-    wanders = [(name, wander) for name, wander in wander_of.items() if wander is not None]
+    wanders = {name: health.wander for name, health in healths.items() if health.wander}
     if wanders:
-        name, wander = wanders[-1]
+        name, wander = [*wanders.items()][-1]
         estimate = f"by {name}: its estimate of the wander of the fixes"
         notes.append(f"the last fix was off by {wander.text}, {estimate}")
     notes += _scatter_note(list(healths.values()))
@@ -241,10 +235,10 @@ def _truth_summary(
 
 def _gyro_bias(comparison: Comparison) -> Results | None:
     """Bias of the gyro that the variant `gyro` had no chance to learn."""
-    found = comparison.known_bias
-    if found is None:
+    bias = comparison.known_bias
+    if bias is None:
         return None
-    return {"used_rad_s": found.used, "shown_rad_s": found.shown, "shown_sigma_rad_s": found.sigma}
+    return {"used_rad_s": bias.used, "shown_rad_s": bias.shown, "shown_sigma_rad_s": bias.sigma}
 
 
 def json_types(value: Any) -> Any:
@@ -262,21 +256,20 @@ def json_types(value: Any) -> Any:
 
 def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
     """Versions of Python and of the packages that determine a result."""
-    found = {"python": platform.python_version()}
+    by_package = {"python": platform.python_version()}
     for name in packages:
         try:
-            found[name] = version(name)
+            by_package[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+            by_package[name] = "not installed"
+    return by_package
 
 
 def digest(path: Path) -> str:
     """SHA-256 of a file, or of all files of a folder in the order of their names."""
-    running = hashlib.sha256()
+    sha256 = hashlib.sha256()
     for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
         if file.is_file():
             with file.open("rb") as stream:
-                while block := stream.read(1 << 20):
-                    running.update(block)
-    return f"sha256:{running.hexdigest()}"
+                hashlib.file_digest(stream, lambda: sha256)
+    return f"sha256:{sha256.hexdigest()}"

@@ -56,35 +56,35 @@ def scores(
     `scored` are intervals of stamps [ns]; NEES is computed before the first hole in each.
     """
     truth, estimate = aligned.truth, run.trajectory
-    found: Results = {"lever_arm_m": list(aligned.lever_arm)}
+    results: Results = {"lever_arm_m": list(aligned.lever_arm)}
     for horizon in HORIZONS:
         segments = drift(estimate.pose_series, truth.poses, horizon, within=scored)
-        found[f"drift_percent_{horizon:.0f}s_median"] = segments.percent_median
+        results[f"drift_percent_{horizon:.0f}s_median"] = segments.percent_median
         if horizon == 30.0:
-            found["yaw_drift_deg_per_m"] = segments.yaw_deg_per_m if truth.headings else math.nan
+            results["yaw_drift_deg_per_m"] = segments.yaw_deg_per_m if truth.headings else math.nan
     # Without headings displacements have no axes.
     has_axes = truth.headings or truth.twists is not None
     errors = velocity_errors(estimate, truth) if has_axes else np.zeros((0, 3))
     rmse = np.sqrt(np.mean(errors**2, axis=0)) if len(errors) else np.full(3, np.nan)
     for name, value in zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), rmse.tolist(), strict=True):
-        found[f"rmse_{name}"] = value
+        results[f"rmse_{name}"] = value
     within = before_holes(scored, holes)
     nees = pose_nees(estimate, truth.poses, within=within, position_only=not truth.headings)
-    found["nees_pose_mean"] = math.nan
+    results["nees_pose_mean"] = math.nan
     # The filter's covariance does not include the errors of fixes that serve as truth.
     has_nees = len(nees) > 0 and truth.source != OF_FIXES
     nees_key = "nees_pose_mean" if truth.headings else "nees_position_mean"
-    found[nees_key] = float(nees.mean()) if has_nees else math.nan
-    found["nees_poses"] = len(nees) if has_nees else 0
+    results[nees_key] = float(nees.mean()) if has_nees else math.nan
+    results["nees_poses"] = len(nees) if has_nees else 0
     end = np.array([min(truth.poses.stamps[-1], estimate.stamps[-1])])
     x, y, yaw = (
         interpolate_poses(estimate.pose_series, end) - interpolate_poses(truth.poses, end)
     )[0]
-    found["final_position_error_m"] = float(np.hypot(x, y))
+    results["final_position_error_m"] = float(np.hypot(x, y))
     yaw_error = float(np.degrees(wrap_angle(yaw)))
-    found["final_yaw_error_deg"] = yaw_error if truth.headings else math.nan
-    found |= spatial_scores(estimate, truth.poses, scored)
-    return found | _consistency(run)
+    results["final_yaw_error_deg"] = yaw_error if truth.headings else math.nan
+    results |= spatial_scores(estimate, truth.poses, scored)
+    return results | _consistency(run)
 
 
 def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
@@ -105,7 +105,7 @@ def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
     # The wander is a first-order Gauss-Markov process: correlation of successive poses.
     correlation = math.exp(-step / wander.time) if wander_sigma else 0.0
     poses, generator = interpolate_poses(path, stamps), np.random.default_rng(0)
-    found: dict[str, list[float]] = {}
+    percents: dict[str, list[float]] = {}
     for _ in range(NOISE_ROUNDS):
         white, pushes = generator.standard_normal((2, len(stamps), 2))
         pushes[1:] *= math.sqrt(1.0 - correlation**2)
@@ -117,8 +117,8 @@ def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
             return {}
         for horizon in HORIZONS:
             segments = drift(path, truth.poses, horizon, within=scored_intervals(log))
-            found.setdefault(f"{horizon:g}s", []).append(segments.percent_mean)
-    return {label: float(np.mean(values)) for label, values in found.items()}
+            percents.setdefault(f"{horizon:g}s", []).append(segments.percent_mean)
+    return {label: float(np.mean(values)) for label, values in percents.items()}
 
 
 def differences(run: Run, reference: Run) -> Results:

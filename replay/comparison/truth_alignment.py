@@ -62,20 +62,20 @@ class TruthAlignment:
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on missing headings, and on a lag that is not observable."""
-        found = []
+        notes = []
         if self.headings is not None:
             nees = "" if self.truth.source == OF_FIXES else ", NEES of the position"
-            found.append(
+            notes.append(
                 f"the truth has no headings: scored are positions (drift, error at the end{nees}). They "
                 "are aligned by headings from the path of tracks and gyro, "
                 f"± {math.degrees(self.headings.sigma):.1f}°"
             )
         if self.no_lag:
-            found.append(
-                f"the lag of the truth was not found: {self.no_lag}; it is used as stamped, and drift "
+            notes.append(
+                f"the lag of the truth was not notes: {self.no_lag}; it is used as stamped, and drift "
                 "includes the way driven in the lag. If you know it, set latency in [log.truth]"
             )
-        return tuple(found)
+        return tuple(notes)
 
     @property
     def start_sigma(self) -> tuple[float, float, float]:
@@ -90,33 +90,32 @@ class TruthAlignment:
 def align_truth(
     truth: Truth, reckoned: Trajectory, *, imu: ImuSeries | None = None
 ) -> TruthAlignment:
-    """Estimate and remove lag and lever arm of a truth.
+    """Estimate and remove lag and lever arm of a truth, by dead reckoning at its time.
 
     A filter uses each sample of the gyro for the step that ends with it, so its headings are half an
     interval of the IMU ahead. This lead is removed, too, but the reported lag does not include it.
 
     Args:
         truth: poses of some point of the robot, late by an unknown lag.
-        reckoned: dead reckoning over the same time.
+        reckoned: the dead reckoning.
         imu: the IMU that it is from, None for tracks alone.
 
     Returns:
-        The alignment; no lag or zero lever arm if not observable (log too short, no turning). A truth
-        without headings stays without them if the robot moves too little to see any.
+        The alignment; no lag, zero lever arm, or no headings, if they are not observable.
     """
     path = reckoned.pose_series
     gyro_lead = 0.0
     if truth.headings:
-        found = find_lag(heading_of(truth.poses), heading_of(path), least=LEAST_TURN)
+        measured_lag = find_lag(heading_of(truth.poses), heading_of(path), least=LEAST_TURN)
         if imu is not None and len(imu.stamps) > 1:
             gyro_lead = 0.5 * float(np.median(np.diff(imu.stamps))) * NANOSECOND
     else:
-        found = find_lag(places_of(truth.poses), places_of(path), least=LEAST_SPEEDING)
-    if isinstance(found, NoLag):
-        return replace(align_place(truth, reckoned), lag=None, no_lag=found.reason)
-    stamps = truth.poses.stamps - round(found.seconds / NANOSECOND)
+        measured_lag = find_lag(places_of(truth.poses), places_of(path), least=LEAST_SPEEDING)
+    if isinstance(measured_lag, NoLag):
+        return replace(align_place(truth, reckoned), lag=None, no_lag=measured_lag.reason)
+    stamps = truth.poses.stamps - round(measured_lag.seconds / NANOSECOND)
     aligned = align_place(replace(truth, poses=replace(truth.poses, stamps=stamps)), reckoned)
-    return replace(aligned, lag=found.seconds - gyro_lead, lag_sigma=found.sigma)
+    return replace(aligned, lag=measured_lag.seconds - gyro_lead, lag_sigma=measured_lag.sigma)
 
 
 def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:

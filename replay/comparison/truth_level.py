@@ -20,11 +20,8 @@ ROUNDS = 10  # rounds in which the tilts of map and truth's axes are estimated i
 def levelled(truth: PoseSeries, reckoned: Trajectory) -> tuple[PoseSeries, float]:
     """Turn height, roll and pitch of a truth to the mean vertical of a run.
 
-    Tilts of the map and of the truth's axes in the robot are corrected. Position and yaw do not change,
-    nor does anything if either is planar.
-
-    Returns:
-        The poses, and the angle by which the vertical of the map was off [rad].
+    Tilts of the map and of the truth's axes in the robot are corrected; position and yaw do not change.
+    Returned are the poses, unchanged if either is planar, and the tilt of the map's vertical [rad].
     """
     stamps = shared_stamps(reckoned, truth)
     if truth.spatial is None or reckoned.spatial is None or not len(stamps):

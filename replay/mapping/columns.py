@@ -57,10 +57,12 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         check_bounds(self)
         names, unit = self.names, self.unit
         sides = {"left": names[: len(self.left)], "right": names[len(self.left) :]}
-        for side, of in sides.items():
-            if twice := [name for name in of if of.count(name) > 1]:
+        for side, of_side in sides.items():
+            if twice := [name for name in of_side if of_side.count(name) > 1]:
                 raise ValueError(f"{side} names {twice[0]!r} twice")
-        if not self.has_topic_for_each_side and (shared := {*sides["left"]} & {*sides["right"]}):
+        shared = {*sides["left"]} & {*sides["right"]}
+        # Only topics, not columns, have a `right_topic`.
+        if shared and getattr(self, "right_topic", None) is None:
             raise ValueError(
                 f"left and right must not share {min(shared)!r}; sides with a topic each need "
                 "right_topic"
@@ -72,11 +74,6 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
             raise ValueError(f"wrap is for what adds up ({sums}), not for {unit}")
         if self.wrap is not None and max(map(len, sides.values())) > 1:
             raise ValueError("wrap is for one counter a side: the mean of several does not wrap")
-
-    @property
-    def has_topic_for_each_side(self) -> bool:
-        """Return True if the names of the sides are those of two topics."""
-        return False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -135,11 +132,7 @@ class ImuKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         return (*self.angular_velocity, *self.linear_acceleration)
 
     def check_axes(self, what: str) -> None:
-        """Refuse names of axes that are not all there.
-
-        Raises:
-            ValueError: a number of names that is not allowed.
-        """
+        """Raise a ValueError unless all axes are named; `what`: fields or columns."""
         if len(self.angular_velocity) not in (1, 3):
             raise ValueError(f"angular_velocity must name three {what}, or that of z alone")
         if len(self.linear_acceleration) not in (0, 3):
@@ -217,14 +210,10 @@ class PoseKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     def names(self) -> tuple[str, ...]:
         """Names that are given, in the order of the attributes."""
         named = (self.x, self.y, self.yaw, self.latitude, self.longitude, self.altitude, self.sigma)
-        return tuple(one for one in named if one)
+        return tuple(name for name in named if name)
 
     def check_place(self, what: str) -> None:
-        """Refuse names of a place that are neither x and y nor latitude and longitude.
-
-        Raises:
-            ValueError: one is missing, or there are both.
-        """
+        """Raise a ValueError unless x and y, or latitude and longitude, are named."""
         plane, globe = (self.x, self.y), (self.latitude, self.longitude)
         if not (all(plane) and not any(globe)) and not (all(globe) and not any(plane)):
             raise ValueError(f"x and y must name {what}, or else latitude and longitude")

@@ -15,14 +15,12 @@ STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
 def field_getter(path: str) -> Callable[[Any], float]:
     """Build a getter of a field of a message as a number.
 
-    The getter raises `ReplayError` if a field is missing or not a number, and IndexError if an array
-    is too short.
-
     Args:
         path: names separated by dots, and indices of arrays.
 
     Raises:
-        ReplayError: the path is invalid.
+        ReplayError: the path is invalid. The getter raises it if a field is missing or not a number, and
+            IndexError if an array is too short.
     """
     steps: list[str | int] = []
     position = 0
@@ -72,14 +70,10 @@ def number_paths(message: Any, depth: int = 3) -> list[str]:
 def field_reader(
     names: Sequence[str], make: Callable[[Floats], Floats] | None = None
 ) -> Callable[[Any], tuple[float, ...]]:
-    """Build a reader of a message: a row made of some of its fields.
+    """Build a reader of a message: a row made of the fields at some paths.
 
     The paths are read with the first message: of a topic of JointState they are names of joints, which
-    may have any characters.
-
-    Args:
-        names: paths of the fields.
-        make: function from the values (1, k) to the rows (1, m); None for the values themselves.
+    may have any characters. `make` converts the values (1, k) to rows (1, m).
     """
     getters: list[Callable[[Any], float]] = []
 

@@ -5,22 +5,17 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 
-Origin = tuple[
-    float, float, float
-]  # latitude, longitude [deg], altitude [m], on the WGS 84 ellipsoid
+# Latitude, longitude [deg], altitude [m], on the WGS 84 ellipsoid.
+Origin = tuple[float, float, float]
 
 
 def check_origin(origin: Origin | None) -> None:
-    """Refuse an origin that is not on the globe.
-
-    Raises:
-        ValueError: a coordinate is not finite or out of range.
-    """
+    """Raise a ValueError if an origin is not on the globe, or not finite."""
     if origin is None:
         return
     if not (np.isfinite(origin).all() and abs(origin[0]) <= 90.0 and abs(origin[1]) <= 360.0):
         raise ValueError(
-            "origin must be latitude, longitude [deg] and altitude [m], found " + repr(list(origin))
+            f"origin must be latitude, longitude [deg] and altitude [m], found {list(origin)!r}"
         )
 
 
@@ -38,10 +33,8 @@ def on_globe(places: Floats) -> NDArray[np.bool_]:
 def east_north(places: Floats, origin: Origin) -> Floats:
     """Convert geodetic places to (n, 2) metres east and north of an origin.
 
-    Args:
-        places: (n, 3) latitude, longitude [deg], altitude [m]; an altitude of NaN is replaced by
-            the origin's.
-        origin: point at which the plane is tangent to the ellipsoid.
+    `places` (n, 3) are latitude, longitude [deg], altitude [m]; for an altitude of NaN that of the origin
+    is used, at which the plane is tangent to the ellipsoid.
     """
     from pymap3d import geodetic2enu
 
@@ -53,12 +46,7 @@ def east_north(places: Floats, origin: Origin) -> Floats:
 def degrees(places: Floats, origin: Origin) -> Floats:
     """Convert metres east and north of an origin to latitude and longitude [deg].
 
-    Args:
-        places: (n, 2) east and north [m], as of `east_north`, at the altitude of the origin.
-        origin: point at which the plane is tangent to the ellipsoid.
-
-    Returns:
-        (n, 2) latitude, longitude.
+    `places` (n, 2) and the result (n, 2) are at the altitude of the origin, as of `east_north`.
     """
     from pymap3d import enu2geodetic
 

@@ -57,11 +57,6 @@ class TrackTopic(TrackKeys, frozen=True):
             )
         super().__post_init__()
 
-    @property
-    def has_topic_for_each_side(self) -> bool:
-        """Return True if there is a `right_topic`."""
-        return self.right_topic is not None
-
 
 class ImuTopic(ImuKeys, frozen=True):
     """The topic of the IMU.

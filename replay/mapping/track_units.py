@@ -56,8 +56,8 @@ def differences(
         fastest: highest speed of a track [m/s].
 
     Returns:
-        (m,) stamps of the later of two samples, (m, k) speeds [m/s], and numbers of omitted differences,
-        by reason.
+        (m,) stamps of the later of two samples, (m, k) speeds [m/s], and numbers of omitted ones, by
+        reason.
     """
     seconds = np.diff(stamps) * NANOSECOND
     steps = np.diff(distances, axis=0)

@@ -14,6 +14,9 @@ SAME = 0.0005  # offset below which header stamps are reported as equal to the t
 DAY = 86_400.0
 
 
+UsedClock = Literal["header", "recording"]
+
+
 class Evidence(NamedTuple):
     """Evidence about the clock of a stream."""
 
@@ -26,7 +29,7 @@ class Evidence(NamedTuple):
 class Choice(NamedTuple):
     """A clock and the reason of its choice; `by_default` if there was no alternative."""
 
-    clock: Literal["header", "recording"]
+    clock: UsedClock
     reason: str
     by_default: bool
 
@@ -60,19 +63,11 @@ def _choice(stream: Evidence, agree: bool) -> Choice:
         return Choice("recording", "the messages have no header", by_default=False)
     if stream.constant:
         return Choice("recording", "all header stamps are the same", by_default=False)
-    off = (
-        "the header stamps are the times of recording, to a millisecond"
-        if abs(stream.offset) < SAME
-        else f"the header stamps are {_span(stream.offset)} the time of recording"
-    )
-    if agree or abs(stream.offset) <= CLOCKS_APART:
+    size, side = abs(stream.offset), "after" if stream.offset > 0 else "before"
+    distance = f"{size / DAY:.1f} days" if size >= DAY else f"{size:.3f} s"
+    off = f"the header stamps are {distance} {side} the time of recording"
+    if size < SAME:
+        off = "the header stamps are the times of recording, to a millisecond"
+    if agree or size <= CLOCKS_APART:
         return Choice("header", off, by_default=True)
     return Choice("recording", f"{off}, and not those of all streams are", by_default=False)
-
-
-def _span(seconds: float) -> str:
-    side = "after" if seconds > 0 else "before"
-    size = abs(seconds)
-    if size >= DAY:
-        return f"{size / DAY:.1f} days {side}"
-    return f"{size:.3f} s {side}"

@@ -49,8 +49,8 @@ def imu_rows(spec: ImuTopic | ImuColumns, values: Floats) -> Floats:
         rates = np.column_stack([np.zeros_like(rates), np.zeros_like(rates), rates])
     if not forces.shape[1]:
         forces = np.full((len(values), 3), np.nan)
-    factors = RATES[spec.rate_unit], ACCELERATIONS[spec.acceleration_unit]
-    return np.column_stack([rates * factors[0], forces * factors[1]])
+    rates, forces = rates * RATES[spec.rate_unit], forces * ACCELERATIONS[spec.acceleration_unit]
+    return np.column_stack([rates, forces])
 
 
 def imu_reader(spec: ImuTopic) -> RowReader:
@@ -63,9 +63,7 @@ def imu_reader(spec: ImuTopic) -> RowReader:
 def pose_rows(spec: FixTopic | PoseColumns, rows: Floats) -> Floats:
     """Rows as of `message_rows.POSE_READERS`, or `GEODETIC_READERS`.
 
-    Args:
-        spec: names of the fields or columns.
-        rows: (n, k) values of its `names`.
+    They are made of rows (n, k) with the fields or columns `spec.names`.
     """
     values = dict(zip(spec.names, rows.T, strict=True))
     unknown = np.full(len(rows), np.nan)
@@ -104,9 +102,7 @@ def fix_heights(
 class WheelValues(NamedTuple):
     """Speeds of wheels or tracks, or readings of their cumulative counters."""
 
-    values: (
-        Floats  # (n, k) of the left wheels, then of the right ones: speeds [m/s] or counters [m]
-    )
+    values: Floats  # (n, k) of the wheels, left ones first: speeds [m/s] or counters [m]
     left_count: int = 1  # number of left wheels
     are_counters: bool = False  # whether the values are counters, whose differences are the motion
     wrap: float | None = None  # range of the counters [m], or None
@@ -136,10 +132,9 @@ def wheel_values(
 def fill_variances(variances: Floats, mapped: FixTopic | PoseColumns) -> NDArray[np.bool_]:
     """Fill in missing variances of fixes in place, and raise too small ones.
 
-    Messages state the whole error. If a part of it wanders, `position_sigma` is the rest.
-
-    `variances` (n, 2) are of each coordinate [m²] and of yaw [rad²]; NaN for unknown. Returns the (n,)
-    mask of the fixes whose position variance is still unknown.
+    `variances` (n, 2) are of each coordinate [m²] and of yaw [rad²]; NaN for unknown. Messages state the
+    whole error; if a part of it wanders, `position_sigma` is the rest. Returns the (n,) mask of the fixes
+    whose position variance is still unknown.
     """
     position_variances, yaw_variances = variances[:, 0], variances[:, 1]
     unknown = np.isnan(position_variances)

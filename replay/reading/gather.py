@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -26,7 +27,7 @@ from icreckon.replay.mapping.topics import (
 from icreckon.replay.mapping.track_units import COUNTER_UNITS
 from icreckon.replay.reading import message_rows
 from icreckon.replay.reading.conversions import imu_reader, imu_rows, pose_rows
-from icreckon.replay.reading.stream import RowReader, Stream
+from icreckon.replay.reading.stream import Stream
 from icreckon.replay.reading.tables import Table, table_streams, wanted_columns
 from icreckon.replay.reading.tf import TransformStream
 
@@ -48,20 +49,20 @@ class Gathered:
 
 
 def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
-    """Convert one or several paths of files that make one log to a list.
+    """Convert one or several paths, which make one log, to a list.
 
     A folder with a table stands for the bags and tables in it.
 
     Raises:
         ReplayError: there is no path, one is not UTF-8, or one is given twice.
     """
-    paths = [Path(path)] if isinstance(path, Path | str) else [Path(one) for one in path]
+    paths = [Path(path)] if isinstance(path, Path | str) else list(map(Path, path))
     if not paths:
         raise ReplayError("no log: give at least one file")
-    for one in paths:
-        if str(one) != str(one).encode("utf-8", "replace").decode():
-            raise ReplayError(f"{str(one)!a}: the name is not UTF-8; rename the file")
-    paths = [file for one in paths for file in _parts_of(one) or [one]]
+    for name in map(str, paths):
+        if name != name.encode("utf-8", "replace").decode():
+            raise ReplayError(f"{name!a}: the name is not UTF-8; rename the file")
+    paths = [file for named in paths for file in _parts_of(named) or [named]]
     refuse_twice(paths, "log")
     return paths
 
@@ -83,11 +84,7 @@ def _parts_of(folder: Path) -> list[Path]:
 
 
 def refuse_twice(names: Sequence[Path | str], what: str) -> None:
-    """Refuse a list of files that names one twice, also by links.
-
-    Raises:
-        ReplayError: a file is named twice.
-    """
+    """Raise a ReplayError if a list of files names one twice, also by links."""
     seen = set()
     for name in names:
         place = os.path.realpath(name)
@@ -132,13 +129,13 @@ def gather(
                 definitions=definitions,
                 report=share_of(number),
             )
-            part = over_bag(path, read)
+            of_file = over_bag(path, read)
         else:
-            part = _of_table(path, result.mapping)
-        result.notes += part.notes
-        result.truth_source = result.truth_source or part.truth_source
-        result.found.update(part.found)
-        for purpose, stream in part.streams.items():
+            of_file = _of_table(path, result.mapping)
+        result.notes += of_file.notes
+        result.truth_source = result.truth_source or of_file.truth_source
+        result.found.update(of_file.found)
+        for purpose, stream in of_file.streams.items():
             if (first := result.streams.setdefault(purpose, stream)) is not stream:
                 first.extend(stream)
     _check_all_there(result, bags, paths)
@@ -192,27 +189,27 @@ def _of_table(path: Path, mapping: TopicMap) -> Gathered:
             f"{path}: a table needs [log.columns] in the robot file (`icreckon inspect {path}` "
             f"proposes it); its columns are {names}"
         )
-    part = Gathered(str(path), mapping)
-    part.notes = list(table.notes)
-    part.streams = {stream.purpose: stream for stream in table_streams(table, mapping.columns)}
-    part.found = Counter({f"{path.name}: {one.name}": len(table) for one in table.columns})
-    return part
+    of_file = Gathered(str(path), mapping)
+    of_file.notes = list(table.notes)
+    of_file.streams = {stream.purpose: stream for stream in table_streams(table, mapping.columns)}
+    of_file.found = Counter({f"{path.name}: {column.name}": len(table) for column in table.columns})
+    return of_file
 
 
 def _of_bag(
     bag: Bag, path: Path, mapping: TopicMap, definitions: Definitions, report: Progress
 ) -> Gathered:
-    part = Gathered(str(path), mapping)
+    of_file = Gathered(str(path), mapping)
     messages: Counter[str] = Counter()
     for channel, count in bag.counts.items():
         messages[channel.topic] += count
-        part.found[f"{channel.topic} ({channel.msgtype})"] += count
+        of_file.found[f"{channel.topic} ({channel.msgtype})"] += count
     types = {channel.topic: channel.msgtype for channel in bag.counts}
     by_topic: dict[str, list[Stream]] = {}
     for stream in wanted_streams(mapping, str(path), definitions, types):
         if not all(messages[topic] for topic in stream.needed):
             continue
-        part.streams[stream.purpose] = stream
+        of_file.streams[stream.purpose] = stream
         for topic in stream.topics:
             by_topic.setdefault(topic, []).append(stream)
     total = sum(messages[topic] for topic in by_topic)
@@ -221,11 +218,12 @@ def _of_bag(
             report(min(1.0, count / total))
         for stream in by_topic[record.channel.topic]:
             stream.take(record)
-    if mapping.truth is not None and mapping.truth.source_topic and "truth" in part.streams:
-        part.truth_source, notes = _first_text(bag, path, mapping.truth.source_topic, definitions)
-        part.notes += notes
-    part.notes[:0] = bag.notes
-    return part
+    if mapping.truth is not None and mapping.truth.source_topic and "truth" in of_file.streams:
+        topic = mapping.truth.source_topic
+        of_file.truth_source, notes = _first_text(bag, path, topic, definitions)
+        of_file.notes += notes
+    of_file.notes[:0] = bag.notes
+    return of_file
 
 
 def wanted_streams(
@@ -233,28 +231,18 @@ def wanted_streams(
 ) -> Iterator[Stream]:
     """Yield the streams of a mapping, still empty."""
 
-    def stream(
-        purpose: str,
-        topic: str,
-        time: Clock,
-        readers: dict[str, RowReader],
-        any_reader: RowReader | None = None,
-    ) -> Stream:
-        return Stream(purpose, topic, source, time, readers, any_reader, definitions)
+    def stream(purpose: str, topic: str, time: Clock, readers: Any, other: Any = None) -> Stream:
+        return Stream(purpose, topic, source, time, readers, other, definitions)
 
     def pose_stream(purpose: str, mapped: FixTopic | TruthTopic) -> Stream:
         if mapped.frames is not None:
+            topic, time, frames = mapped.topic, mapped.time, mapped.frames
             return TransformStream(
-                purpose,
-                mapped.topic,
-                source,
-                mapped.time,
-                definitions=definitions,
-                frames=mapped.frames,
+                purpose, topic, source, time, definitions=definitions, frames=frames
             )
         if isinstance(mapped, FixTopic) and mapped.names:
             by_field = field_reader(mapped.names, partial(pose_rows, mapped))
-            return stream(purpose, mapped.topic, mapped.time, readers={}, any_reader=by_field)
+            return stream(purpose, mapped.topic, mapped.time, {}, by_field)
         readers = message_rows.POSE_READERS | message_rows.GEODETIC_READERS
         return stream(purpose, mapped.topic, mapped.time, readers)
 
@@ -318,13 +306,12 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
         if purpose in result.streams:
             continue
         if purpose == "tracks":
-            remedy = "Correct the robot file's [log.columns.tracks], or leave that table out"
-            if bags:
-                remedy = (
-                    "Name the right one in the robot file's [log.tracks], or leave that table out"
-                )
+            remedy = "Name the right one in the robot file's [log.tracks]"
+            if not bags:
+                remedy = "Correct the robot file's [log.columns.tracks]"
             raise ReplayError(
-                f"{result.source}: {' and '.join(texts)}; there is {available}. {remedy}"
+                f"{result.source}: {' and '.join(texts)}; there is {available}. {remedy}, or leave that "
+                "table out"
             )
         result.notes.append(f"{OF_ROBOT_FILE}{' and '.join(texts)}; there is {available}")
 

@@ -15,14 +15,9 @@ from icreckon.replay.reading.stream import ABSENT, NAN, Row, RowReader, Unusable
 def track_readers(joints: Sequence[str], positions: bool = False) -> dict[str, RowReader]:
     """Build the row readers of track speeds, by message type.
 
-    Args:
-        joints: names of the left joints, then of the right ones; none without JointState.
-        positions: JointState has positions or counts, not speeds.
-
-    Returns:
-        Readers with these rows: for JointState the values of the left joints, then of the right ones, in
-        the message's unit; for Odometry and TwistStamped the forward speed [m/s] and the yaw rate
-        [rad/s].
+    Rows of JointState are the values of the left `joints`, then of the right ones, in the message's unit:
+    speeds, or `positions` (counts). Those of Odometry and TwistStamped are the forward speed [m/s] and
+    the yaw rate [rad/s]. Without joints there is no reader of JointState.
     """
     readers: dict[str, RowReader] = {
         ros.ODOMETRY: lambda message: _speeds(message.twist.twist),
@@ -58,7 +53,7 @@ class JointReader:
             mapped = [name for name in self.joints if name in names]
             places = self._places[names] = {name: names.index(name) for name in mapped}
         values = message.position if self.positions else message.velocity
-        row = (float(values[places[one]]) if one in places else NAN for one in self.joints)
+        row = (float(values[places[name]]) if name in places else NAN for name in self.joints)
         return tuple(row) if places else None
 
 
@@ -69,8 +64,8 @@ def side_readers(
 
     def padded(read: RowReader) -> RowReader:
         def row(message: Any) -> Row | None:
-            found = read(message)
-            return None if found is None else (*[NAN] * before, *found, *[NAN] * after)
+            values = read(message)
+            return None if values is None else (*[NAN] * before, *values, *[NAN] * after)
 
         return row
 
@@ -124,12 +119,8 @@ POSE_READERS: dict[str, RowReader] = {
 }
 POSE_WIDTH = 12
 """Rows x, y, q_x, q_y, q_z, q_w, variance of position and of yaw, v_x, v_y, w, z; NaN for none."""
-QUATERNION, VARIANCES, TWIST, Z = (
-    slice(2, 6),
-    slice(6, 8),
-    slice(8, 11),
-    11,
-)  # columns of these rows
+# Columns of these rows.
+QUATERNION, VARIANCES, TWIST, Z = slice(2, 6), slice(6, 8), slice(8, 11), 11
 
 PLANAR = 1e-6  # truths with a smaller range of z [m], roll and pitch [rad] are planar
 

@@ -24,10 +24,8 @@ MANY, TOO_MANY, FEWEST_WINDOWS = 1.7, 2.3, 2
 def arrival_in_order(stamps: Stamps) -> tuple[NDArray[np.int64], int]:
     """Permutation that sorts samples that are early or late by up to `LATE`.
 
-    Samples that are further out of order remain in place, for `screen` to drop.
-
-    `stamps` (n,) [ns] are in the order of arrival. Returns the (n,) indices of the samples in the new
-    order, and the number of samples that moved.
+    Samples that are further out of order remain in place, for `screen` to drop. `stamps` (n,) [ns] are in
+    the order of arrival. Returns their indices (n,) in the new order, and the number that moved.
     """
     count = len(stamps)
     places = np.arange(count)
@@ -54,14 +52,10 @@ def _apart(stamps: Stamps, others: Stamps) -> NDArray[np.uint64]:
 
 
 def without_steps(stamped: Stamps, recorded: Stamps) -> tuple[Stamps, list[tuple[int, float]]]:
-    """Remove clock steps from header stamps.
+    """Remove clock steps from header stamps (n,) [ns], in the order of recording.
 
-    At a step, the header stamps jump from one message to the next, the times of recording do not, and
-    the new difference between the two lasts.
-
-    Args:
-        stamped: (n,) header stamps [ns], in the order of recording.
-        recorded: (n,) times of recording [ns], ascending.
+    At a step, the header stamps jump from one message to the next, the times of recording (n,) [ns] do
+    not, and the new difference between the two lasts.
 
     Returns:
         (n,) stamps by the initial clock, and for each step the index of the first message after it and

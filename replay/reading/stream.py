@@ -5,7 +5,8 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from icreckon.replay.bags.decoding import Definitions, decoder, stamp_of
 from icreckon.replay.bags.records import Channel, Record
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.topics import Clock
-from icreckon.replay.reading.clocks import Evidence
+from icreckon.replay.reading.clocks import Evidence, UsedClock
 from icreckon.replay.reading.stamps import APART, LATE, arrival_in_order, without_steps
 
 Row = tuple[float, ...]
@@ -23,9 +24,8 @@ RowReader = Callable[[Any], Row | None]
 COLUMNS = "columns"  # placeholder for the message type of rows from a table
 
 NAN = float("nan")
-ABSENT = (
-    -1.0
-)  # element 0 of a sensor_msgs/Imu covariance whose quantity the sensor does not measure
+# Element 0 of a sensor_msgs/Imu covariance whose quantity the sensor does not measure.
+ABSENT = -1.0
 
 
 class UnusableError(Exception):
@@ -51,23 +51,19 @@ class Span(NamedTuple):
     source: str
 
 
-def _check_parts_of_one_log(purpose: str, one: Span, other: Span) -> None:
-    """Refuse two recordings that cannot be parts of one log.
-
-    Raises:
-        ReplayError: they overlap, or are days apart.
-    """
-    overlap = (min(one.end, other.end) - max(one.start, other.start)) * NANOSECOND
+def _check_parts_of_one_log(purpose: str, first: Span, other: Span) -> None:
+    """Raise a ReplayError if two recordings overlap, or are days apart."""
+    overlap = (min(first.end, other.end) - max(first.start, other.start)) * NANOSECOND
     advice = "; give them one by one, each as a log of its own"
     if overlap > OVERLAP:
         raise ReplayError(
-            f"{one.source} and {other.source} both hold {purpose} for the same {overlap:.0f} s: two "
+            f"{first.source} and {other.source} both hold {purpose} for the same {overlap:.0f} s: two "
             f"recordings, not two parts of one{advice}"
         )
     if -overlap > APART:
         raise ReplayError(
-            f"{one.source} and {other.source} are {-overlap / APART:.0f} days apart, by their {purpose}: "
-            f"no parts of one log{advice}"
+            f"{first.source} and {other.source} are {-overlap / APART:.0f} days apart, by their "
+            f"{purpose}: no parts of one log{advice}"
         )
 
 
@@ -165,9 +161,8 @@ class Stream:
                 f"{self.purpose} are of type {self.msgtype!r} in {self.source}, and of type "
                 f"{other.msgtype!r} in {other.source}; one log has them of one type"
             )
-        for span in self._spans():
-            for another in other._spans():
-                _check_parts_of_one_log(self.purpose, span, another)
+        for span, other_span in product(self._spans(), other._spans()):
+            _check_parts_of_one_log(self.purpose, span, other_span)
         self._parts = [*self._spans(), *other._spans()]
         self.msgtype = self.msgtype or other.msgtype
         for reason, count in other.lost.items():
@@ -193,7 +188,7 @@ class Stream:
         constant = len(stamped) > 1 and bool((stamped == stamped[0]).all())
         return Evidence(self.topic, self.time, float(np.median(offsets)) * NANOSECOND, constant)
 
-    def arrays(self, clock: Literal["header", "recording"]) -> tuple[Stamps, Floats]:
+    def arrays(self, clock: UsedClock) -> tuple[Stamps, Floats]:
         """Stamps (n,) [ns] and rows (n, k), sorted except for those far out of order.
 
         Raises:
@@ -201,9 +196,7 @@ class Stream:
         """
         return self._in_order(clock, self._rows)
 
-    def _in_order(
-        self, clock: Literal["header", "recording"], gathered: Rows
-    ) -> tuple[Stamps, Floats]:
+    def _in_order(self, clock: UsedClock, gathered: Rows) -> tuple[Stamps, Floats]:
         recorded = np.array(gathered.recorded, dtype=np.int64)
         stamped = np.array(gathered.stamped, dtype=np.int64)
         rows = np.array(gathered.values, dtype=float)

@@ -31,9 +31,8 @@ ROUNDING = 2e3  # largest error of a stamp by its binary digits [ns]
 SAMPLED, PLAUSIBLE_STEPS_S = ("tracks", "imu"), (5e-5, 5.0)
 """Streams of a robot's own sensors, and shortest and longest time between their samples [s]."""
 MOST_REPEATED = 0.05  # share of repeated stamps that is reported
-LARGEST_TIME = (
-    2.0**62
-)  # times from here on are damage: differences of them overflow int64 nanoseconds
+# Times from here on are damage: differences of them overflow int64 nanoseconds.
+LARGEST_TIME = 2.0**62
 NUMBER_OR_EMPTY = r"^\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|NaN|NAN|Inf))?\s*$"
 """Cells of a column of texts that are numbers."""
 
@@ -55,7 +54,7 @@ def _kind(kind: Any) -> Any:
 
 
 class Table:
-    """A table file.
+    """A table file; a ReplayError if it cannot be read, or two columns share a name.
 
     Attributes:
         path: the file.
@@ -64,12 +63,6 @@ class Table:
     """
 
     def __init__(self, path: Path) -> None:
-        """Read the file.
-
-        Raises:
-            ReplayError: it cannot be read, is empty or beyond the limits of `read_table`, or two
-                columns share a name.
-        """
         import pyarrow as pa
 
         self.path = path
@@ -120,11 +113,11 @@ class Table:
         strays = []
         for place, name in enumerate(self._table.column_names):
             column = self._table.column(place)
-            found = _strays(column)
-            if found is None or not are_few(found.number, len(column)):
+            cells = _strays(column)
+            if cells is None or not are_few(cells.number, len(column)):
                 continue
             texts = compute.utf8_trim_whitespace(column.cast(pa.string()))
-            empty = compute.or_(found.where, compute.equal(texts, "")).fill_null(True)
+            empty = compute.or_(cells.where, compute.equal(texts, "")).fill_null(True)
             try:
                 numbers = compute.if_else(empty, pa.scalar(None, pa.string()), texts).cast(
                     pa.float64()
@@ -132,8 +125,8 @@ class Table:
             except pa.ArrowInvalid:
                 continue
             self._table = self._table.set_column(place, name, numbers)
-            if found.number:
-                strays.append(f"column {name!r} holds {found.text}")
+            if cells.number:
+                strays.append(f"column {name!r} holds {cells.text}")
         if strays:
             others = f"; {len(strays) - 3} other columns hold text" if len(strays) > 3 else ""
             self.notes.append(f"{self.path.name}: {'; '.join(strays[:3])}{others}: left out there")
@@ -161,9 +154,9 @@ class Table:
             return np.full(len(column), NAN)
         if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
             kind = _kind(column.type)
-            if (found := _strays(column)) and found.number:
+            if (strays := _strays(column)) and strays.number:
                 raise ReplayError(
-                    f"{self.path}: column {name!r} holds {found.text}, not numbers alone"
+                    f"{self.path}: column {name!r} holds {strays.text}, not numbers alone"
                 )
             filled = column.drop_null()
             such = f" (such as {str(filled[0].as_py())!r})" if len(filled) else ""
@@ -178,8 +171,8 @@ class Table:
     def stray_texts(self) -> Iterator[str]:
         """Yield a note for each column of numbers that some text makes a column of texts."""
         for name in self._table.column_names:
-            if (found := _strays(self._table.column(name))) and found.number:
-                what = f"column {name!r} holds {found.text}"
+            if (strays := _strays(self._table.column(name))) and strays.number:
+                what = f"column {name!r} holds {strays.text}"
                 yield f"{self.path.name}: {what}; without it these are numbers"
 
     def stamps(self, name: str, unit: TimeUnit) -> tuple[Stamps, Any]:
@@ -262,7 +255,7 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
     Raises:
         ReplayError: a column holds no numbers, or no times.
     """
-    found: list[Stream] = []
+    streams: list[Stream] = []
     for purpose, spec in wanted_columns(columns):
         names, time = spec.names, spec.time or columns.time
         if not table.has([time, *names]):
@@ -276,12 +269,12 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         stream.lose("no time", int((has_value & ~timed).sum()))
         column, kept = f"{table.path.name}: column {time!r}", stamps[is_kept]
         notes = _coarse(column, kept), _wrong_unit(column, kept) if purpose in SAMPLED else None
-        earlier_notes = {note for earlier in found for note in earlier.notes}
+        earlier_notes = {note for earlier in streams for note in earlier.notes}
         stream.notes += [note for note in notes if note and note not in earlier_notes]
         stream.msgtype, rows = _rows(spec, values)
         stream.add(kept, rows[is_kept])
-        found.append(stream)
-    return found
+        streams.append(stream)
+    return streams
 
 
 def _wrong_unit(column: str, stamps: Stamps) -> str | None:
@@ -294,11 +287,7 @@ def _wrong_unit(column: str, stamps: Stamps) -> str | None:
 
 
 def _coarse(column: str, stamps: Stamps) -> str | None:
-    """Note on stamps (n,) that repeat for too few digits, None if they do not.
-
-    Raises:
-        EqualStampsError: all are equal.
-    """
+    """Note on stamps (n,) with too few digits; an EqualStampsError if all are equal."""
     times = np.unique(stamps)
     rounded = ((step, np.round(times / step) * step) for step in RESOLUTIONS)
     fits = (step for step, grid in rounded if np.abs(times - grid).max(initial=0) < ROUNDING)
@@ -340,12 +329,7 @@ def _rows(spec: Columns, values: Floats) -> tuple[str, Floats]:
     if isinstance(spec, ImuColumns):
         return COLUMNS, imu_rows(spec, values)
     if isinstance(spec, HeadingColumns):
-        return COLUMNS, _heading_rows(spec, values)
+        yaw = values[:, 0] * RADIANS[spec.unit]
+        yaw = 0.5 * np.pi - yaw if spec.clockwise else yaw
+        return COLUMNS, np.column_stack([yaw, np.full(len(yaw), spec.sigma**2)])
     return (NAVSATFIX if spec.latitude else COLUMNS), pose_rows(spec, values)
-
-
-def _heading_rows(spec: HeadingColumns, values: Floats) -> Floats:
-    yaw = values[:, 0] * RADIANS[spec.unit]
-    if spec.clockwise:
-        yaw = 0.5 * np.pi - yaw
-    return np.column_stack([yaw, np.full(len(yaw), spec.sigma**2)])

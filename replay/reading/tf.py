@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from icreckon.replay.bags.decoding import stamp_of
 from icreckon.replay.bags.message_types import TF, TF_ROS1, TRANSFORM
 from icreckon.replay.bags.records import Record
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.reading.clocks import UsedClock
 from icreckon.replay.reading.stream import NAN, RowReader, Rows, Stream
 
 LONGEST_INTERPOLATION = 1.0  # longest interval over which poses are interpolated [s]
@@ -54,10 +55,10 @@ class TransformStream(Stream):
         super().extend(other)
         if isinstance(other, TransformStream):
             self._static.update(other._static)
-            for link, found in other._links.items():
-                self._links.setdefault(link, Rows()).extend(found)
+            for link, rows in other._links.items():
+                self._links.setdefault(link, Rows()).extend(rows)
 
-    def arrays(self, clock: Literal["header", "recording"]) -> tuple[Stamps, Floats]:
+    def arrays(self, clock: UsedClock) -> tuple[Stamps, Floats]:
         """Stamps (n,) [ns] and rows (n, 12) as of `message_rows.POSE_READERS`.
 
         Raises:
@@ -91,28 +92,25 @@ class TransformStream(Stream):
 
     def forget_transforms(self, age: int | None = None) -> None:
         """Forget transforms that lag the newest by an age [ns], or all but static ones."""
-        newest = max((max(found.stamped) for found in self._links.values()), default=0)
-        for link, found in list(self._links.items()):
-            first = len(found.stamped)
+        newest = max((max(rows.stamped) for rows in self._links.values()), default=0)
+        for link, rows in list(self._links.items()):
+            first = len(rows.stamped)
             if age is not None:
-                first = int(np.searchsorted(np.array(found.stamped), newest - age))
-            del found.recorded[:first], found.stamped[:first], found.values[: first * WIDTH]
-            if not found.stamped:
+                first = int(np.searchsorted(np.array(rows.stamped), newest - age))
+            del rows.recorded[:first], rows.stamped[:first], rows.values[: first * WIDTH]
+            if not rows.stamped:
                 del self._links[link]
         self._rows = Rows()
 
     def add_transforms(self, topic: str, recorded: int, message: Any) -> None:
-        """Add the transforms of a message.
+        """Add the transforms of a TFMessage or TransformStamped, recorded at a time [ns].
 
-        Args:
-            topic: its topic; transforms on any but the stream's own are static.
-            recorded: time of recording or arrival [ns].
-            message: a TFMessage or TransformStamped.
+        Transforms on any `topic` but the stream's own are static.
         """
         transforms = getattr(message, "transforms", None)
-        for one in [message] if transforms is None else transforms:
-            parent, child = one.header.frame_id.strip("/"), one.child_frame_id.strip("/")
-            at, q = one.transform.translation, one.transform.rotation
+        for stamped in [message] if transforms is None else transforms:
+            parent, child = stamped.header.frame_id.strip("/"), stamped.child_frame_id.strip("/")
+            at, q = stamped.transform.translation, stamped.transform.rotation
             row = (at.x, at.y, at.z, q.x, q.y, q.z, q.w)
             size = float(np.linalg.norm(row[3:]))
             if not (np.isfinite(row).all() and size > 1e-6):
@@ -121,7 +119,7 @@ class TransformStream(Stream):
             if topic != self.topic:
                 self._static[parent, child] = np.array(row)
                 continue
-            stamp = stamp_of(one.header)
+            stamp = stamp_of(stamped.header)
             link = self._links.setdefault((parent, child), Rows())
             link.values.extend(row)
             # Those of the stream show its clock.
@@ -155,7 +153,7 @@ class TransformStream(Stream):
             chain.append((link, forward))
         return chain[::-1]
 
-    def _series(self, link: Link, clock: Literal["header", "recording"]) -> tuple[Stamps, Floats]:
+    def _series(self, link: Link, clock: UsedClock) -> tuple[Stamps, Floats]:
         stamps, rows = self._in_order(clock, self._links[link])
         stamps, first = np.unique(stamps, return_index=True)
         return stamps, rows[first]

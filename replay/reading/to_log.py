@@ -82,24 +82,22 @@ class _Assembly:
         for purpose, choice in self.clocks.items():
             if not choice.by_default:
                 self.notes.append(f"{purpose} by the time of recording: {choice.reason}")
-        stamps = [self._ordered(streams[one])[0] for one in OVERLAID if one in streams]
+        stamps = [self._ordered(streams[purpose])[0] for purpose in OVERLAID if purpose in streams]
         if sum(map(len, stamps)):
             # The rest is by clocks that are not set.
-            self._part = largest_part(np.sort(np.concatenate(stamps)))
-            inside = [one[(one >= self._part[0]) & (one <= self._part[1])] for one in stamps]
-            self._span = (
-                min(int(one[0]) for one in inside if len(one)),
-                max(int(one[-1]) for one in inside if len(one)),
-            )
+            first, last = self._part = largest_part(np.sort(np.concatenate(stamps)))
+            inside = [times[(times >= first) & (times <= last)] for times in stamps]
+            inside = [times for times in inside if len(times)]
+            self._span = min(int(t[0]) for t in inside), max(int(t[-1]) for t in inside)
         self._find_overlaid(stamps)
-        tracks = self._tracks(one) if (one := streams.get("tracks")) else None
+        tracks = self._tracks(stream) if (stream := streams.get("tracks")) else None
         if tracks is None:
             self.notes.append("no track speeds: the robot file maps no topic for them")
             tracks = series.TrackSpeedSeries(np.empty(0, np.int64), np.empty((0, 2)))
-        imu = self._imu(one) if (one := streams.get("imu")) else None
-        fixes = self._fixes(one) if (one := streams.get("fixes")) else None
-        headings = self._headings(one) if (one := streams.get("heading")) else ()
-        truth = self._truth(one, streams) if (one := streams.get("truth")) else None
+        imu = self._imu(stream) if (stream := streams.get("imu")) else None
+        fixes = self._fixes(stream) if (stream := streams.get("fixes")) else None
+        headings = self._headings(stream) if (stream := streams.get("heading")) else ()
+        truth = self._truth(stream, streams) if (stream := streams.get("truth")) else None
         for stream in streams.values():
             for reason, count in stream.lost.items():
                 self.dropped[f"{stream.purpose}: {reason}"] += count
@@ -115,7 +113,7 @@ class _Assembly:
             truth=truth,
             dropped=dict(self.dropped),
             notes=tuple(self.notes),
-            others=tuple(sorted(others, key=lambda one: one.stamp)),
+            others=tuple(sorted(others, key=lambda other: other.stamp)),
             origin=self._origin if is_geodetic else None,
         )
 
@@ -281,7 +279,7 @@ class _Assembly:
     def _geodetic(
         self, stream: Stream, origin: tuple[float, float, float] | None
     ) -> tuple[Stamps, Floats, Floats, Floats]:
-        """Convert a geodetic stream to stamps, poses, variances, heights; note the origin.
+        """Stamps, poses, variances, heights of a geodetic stream; notes the origin.
 
         A truth without an origin of its own has that of the fixes, so that both share a frame.
         """
@@ -317,10 +315,8 @@ class _Assembly:
                 "sigma [rad] in [log.heading]"
             )
         keep = self._screened(stream, stamps, yaw, positive=variances)
-        rows_kept = zip(
-            stamps[keep].tolist(), yaw[keep].tolist(), variances[keep].tolist(), strict=True
-        )
-        return tuple(HeadingFix(stamp, angle, variance) for stamp, angle, variance in rows_kept)
+        columns = stamps[keep].tolist(), yaw[keep].tolist(), variances[keep].tolist()
+        return tuple(map(HeadingFix, *columns))
 
     def _truth(self, stream: Stream, streams: dict[str, Stream]) -> series.Truth | None:
         spec = self._spec(stream)
@@ -338,31 +334,29 @@ class _Assembly:
         if spatial is not None:
             # As that of the filters, the height begins at zero.
             spatial[:, 0] -= spatial[0, 0]
-        body = None
+        body, true_tracks = None, streams.get("truth tracks")
         if twist_stream := streams.get("truth twist"):
-            body = self._twists(twist_stream)
+            twist_stamps, true_twists = self._arrays(twist_stream, 3)
+            usable = self._screened(twist_stream, twist_stamps, true_twists)
+            if usable.any():
+                body = series.TwistSeries(twist_stamps[usable], true_twists[usable])
         elif np.isfinite(twists[keep]).all():
             body = series.TwistSeries(stamps[keep], twists[keep])
         return series.Truth(
             poses=series.PoseSeries(stamps[keep], poses[keep], spatial),
             twists=body,
-            tracks=self._tracks(one) if (one := streams.get("truth tracks")) else None,
+            tracks=self._tracks(true_tracks) if true_tracks else None,
             source=self.gathered.truth_source or spec.source or stream.topic,
             headings=headings,
         )
-
-    def _twists(self, stream: Stream) -> series.TwistSeries | None:
-        stamps, rows = self._arrays(stream, 3)
-        keep = self._screened(stream, stamps, rows)
-        return series.TwistSeries(stamps[keep], rows[keep]) if keep.any() else None
 
 
 def _wrap_notes(rows: Floats, mapped: TrackTopic | TrackColumns) -> Iterator[str]:
     """Note a range of counters that their readings contradict."""
     if mapped.unit not in COUNTER_UNITS or not len(rows):
         return
-    where, (found, span) = f"{OF_ROBOT_FILE}the counters of the tracks", counter_range(rows)
-    if found is not None and mapped.wrap != found:
-        yield f"{where} start again after {found:g}: set wrap = {found:.1f}"
+    where, (likely_range, span) = f"{OF_ROBOT_FILE}the counters of the tracks", counter_range(rows)
+    if likely_range is not None and mapped.wrap != likely_range:
+        yield f"{where} start again after {likely_range:g}: set wrap = {likely_range:.1f}"
     elif mapped.wrap is not None and span > mapped.wrap:
         yield f"{where} span {span:g}, more than wrap = {mapped.wrap:g}: set their range, or none"

@@ -23,11 +23,8 @@ def interpolated(
 ) -> tuple[Stamps, Floats]:
     """Interpolate wheels with separate messages at the stamps of the slowest wheel.
 
-    Args:
-        stamps: (n,) [ns], rising.
-        values: (n, k) of the wheels; NaN for those that a message does not have.
-        wrap: value at which counters begin again, or None.
-        slowest: column of the slowest wheel; None for that with the fewest values.
+    `values` (n, k) of the wheels, at rising stamps (n,) [ns], are NaN for those that a message does not
+    have. Counters begin again at `wrap`. The column `slowest` is by default that with the fewest values.
 
     Returns:
         Stamps and values, without those between messages more than `TOGETHER` apart; unchanged if any
@@ -56,17 +53,12 @@ def interpolated(
 def of_sides(
     stamps: Stamps, speeds: Floats, left_count: int, names: Sequence[str], fastest: float
 ) -> tuple[TrackSpeedSeries, list[str]]:
-    """Compute track speeds as the means of the wheels of each side.
+    """Compute track speeds as the means of the wheels of each side, and notes on them.
 
-    Args:
-        stamps: (n,) [ns], rising.
-        speeds: (n, k) of the left wheels, then of the right ones [m/s].
-        left_count: number of left wheels.
-        names: (k,) names of the wheels.
-        fastest: highest speed of a track [m/s].
-
-    Returns:
-        Track speeds, which include the wheels' speeds if any disagree, and notes on wheels that do.
+    `speeds` (n, k) are those of `left_count` left wheels, then of the right ones [m/s], at rising stamps
+    (n,) [ns]; `names` (k,) are the wheels', `fastest` is the highest speed of a track [m/s]. If any
+    wheels of a side disagree, the track speeds include those of the wheels, and the notes name the odd
+    ones.
     """
     means = mean_of_sides(speeds, left_count)
     left, right = speeds[:, :left_count], speeds[:, left_count:]

@@ -1,9 +1,10 @@
 """Trajectory generators: functions from options to commanded track speeds.
 
 Their keyword arguments are the options of a trajectory (`icreckon.simulation.drives.trajectories`); the
-types state the allowed values. Speeds are shares of the robot's `max_track_speed`, so that each
-trajectory fits any robot. Random trajectories are drawn event by event, so a longer one from the same
-seed begins like the shorter.
+types state the allowed values. Each fills a `duration` [s], takes max_track_speed, gauge and indices from
+the `robot`, and draws what is random, and how long it lasts, from `rng`. Speeds are shares of
+max_track_speed, so that each trajectory fits any robot. Random trajectories are drawn event by event, so
+a longer one from the same seed begins like the shorter.
 """
 
 from collections.abc import Callable
@@ -50,10 +51,7 @@ def spin(
 ) -> Blends:
     """Turn on the spot, V_l = -H V_r, equation (13); to the left if `speed` > 0.
 
-    Args:
-        robot: gives max_track_speed and H.
-        speed: share of max_track_speed of the faster track.
-        ratio: on-spot ratio instead of the robot's H.
+    The faster track has the share `speed` of max_track_speed; `ratio` takes the place of the robot's H.
     """
     H = robot.indices.H if ratio is None else ratio
     right = speed * robot.vehicle.max_track_speed / max(1.0, H)
@@ -76,12 +74,8 @@ def figure_eight(
 ) -> Blends:
     """Full circles, left and right in turn, for the `eta0` of the robot file.
 
-    Args:
-        duration: seconds to fill.
-        robot: gives max_track_speed, the gauge and eta0.
-        speed: mean speed as a share of max_track_speed.
-        turn: half the difference of the tracks as a share of max_track_speed, not zero; right first
-            if negative.
+    Mean `speed` and half difference `turn` of the tracks are shares of max_track_speed. A negative `turn`
+    begins to the right; it must not be zero.
     """
     top = robot.vehicle.max_track_speed
     mean, half = speed * top, abs(turn) * top
@@ -108,12 +102,10 @@ def slalom(
 ) -> Slalom:
     """Slalom, left and right with rising frequency.
 
-    Args:
-        duration: the frequency reaches its highest value at the end [s].
-        robot: gives max_track_speed.
+    Options:
         speed: mean speed as a share of max_track_speed.
-        turn: half the difference of the tracks as a share of max_track_speed, right first if
-            negative; reduced if the acceleration at the highest frequency exceeds its limit.
+        turn: half the difference of the tracks as a share of max_track_speed, right first if negative;
+            reduced if the acceleration at the highest frequency exceeds its limit.
         lowest: frequency at the start [Hz].
         highest: frequency at the end [Hz].
     """
@@ -137,10 +129,7 @@ def random_driving(
 ) -> Blends:
     """Random everyday driving: bends and straights, occasional stops and reversing.
 
-    Args:
-        duration: seconds to fill.
-        robot: gives max_track_speed.
-        rng: draws the speeds and how long they are held.
+    Options:
         hold: mean of the exponentially distributed time that speeds are held [s].
         reverse: share of reversing among the manoeuvres.
         stop: share of stops.
@@ -161,11 +150,7 @@ def random_driving(
 def aggressive(duration: float, robot: Robot, rng: Generator, *, hold: NotNegative = 0.7) -> Blends:
     """Random track speeds, uniform over the full range, reverse included.
 
-    Args:
-        duration: seconds to fill.
-        robot: gives max_track_speed.
-        rng: draws the speeds and how long they are held.
-        hold: mean of the exponentially distributed time that speeds are held [s].
+    They are held for an exponentially distributed time of mean `hold` [s].
     """
     top = robot.vehicle.max_track_speed
 
@@ -188,13 +173,10 @@ def arcs(
 ) -> Blends:
     """Arcs of random radius to the left and right, for the `eta0` of the robot file.
 
-    Args:
-        duration: seconds to fill.
-        robot: gives max_track_speed, the gauge and eta0.
-        rng: draws radii (log-uniform), sides and how long arcs are held.
+    Options:
         speed: mean of the tracks as a share of max_track_speed; reduced if the outer track would
-            exceed max_track_speed.
-        tightest: smallest radius [m].
+            exceed it.
+        tightest: smallest radius of the log-uniform ones [m].
         widest: largest radius [m].
         hold: mean of the exponentially distributed time that an arc is held [s].
     """
@@ -222,9 +204,7 @@ def stop_and_go(
 ) -> Blends:
     """Alternate drives and rests: straight, bending left, bending right, and so on.
 
-    Args:
-        duration: seconds to fill.
-        robot: gives max_track_speed.
+    Options:
         speed: mean speed as a share of max_track_speed.
         turn: half the difference of the tracks in bends as a share of max_track_speed.
         drive: seconds of constant speed between two ramps.

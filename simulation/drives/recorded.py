@@ -55,11 +55,8 @@ def recorded(
 ) -> Recorded:
     """Commands of a recording: standstill, ramp up, the recording, ramp to standstill.
 
-    The first standstill lasts for `STANDSTILL`, the last one for `FINAL_REST` [s].
-
-    Args:
-        series: the recorded track speeds.
-        factor: factor on its speeds [-].
+    The first standstill lasts for `STANDSTILL`, the last one for `FINAL_REST` [s]; a factor multiplies
+    the speeds of the recording.
 
     Raises:
         SimulationError: fewer than two samples, a number that is not finite, times that do not rise,
@@ -82,11 +79,8 @@ def recorded(
 def read_recording(path: Path) -> TrackSpeedSeries:
     """Read recorded track speeds from a CSV file with columns t, left and right.
 
-    The first line holds the column names.
-
-    Args:
-        path: the file; t in seconds from any start, left and right in m/s, forward positive. Other
-            columns are ignored.
+    The first line holds the column names. t is in seconds from any start, left and right are in m/s,
+    forward positive; other columns are ignored.
 
     Raises:
         SimulationError: no such file, no text, a missing or repeated column, a cell that is not a

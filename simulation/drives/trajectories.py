@@ -59,12 +59,7 @@ def trajectory_options(name: str) -> dict[str, float | None]:
 def check_trajectory(
     name: str, options: Mapping[str, float], recording: object | None = None
 ) -> None:
-    """Reject a name, options or a recording that give no trajectory.
-
-    Args:
-        name: name of the trajectory.
-        options: option -> value.
-        recording: a recording or its file, or None.
+    """Reject a name, options or a recording (or its file) that give no trajectory.
 
     Raises:
         SimulationError: an unknown trajectory or option (the message names the nearest); a value that
@@ -103,15 +98,10 @@ def make_trajectory(
     options: Mapping[str, float] | None = None,
     recording: TrackSpeedSeries | None = None,
 ) -> Command:
-    """Make the commanded track speeds of a trajectory.
+    """Make the commanded track speeds of a trajectory for a `duration` [s].
 
-    Args:
-        name: one of `trajectory_names`.
-        duration: seconds to fill.
-        robot: gives the speed range and, for some, the gauge and indices.
-        rng: draws the random parts.
-        options: option -> value; see `trajectory_options`.
-        recording: recorded track speeds, for "recorded".
+    Options are those of `trajectory_options`; a recording is for "recorded" alone. `rng` draws the random
+    parts of the others.
 
     Raises:
         SimulationError: as in `check_trajectory`; a missing or invalid recording; or speeds beyond the

@@ -51,12 +51,8 @@ def with_encoder_errors(
 ) -> TrackSpeedSeries:
     """Track speeds from encoders; exactly zero on a standing track.
 
-    Args:
-        true: (n, 2) true mean speeds since the previous sample [m/s].
-        times: (n,) sample times [s].
-        rate: samples per second [Hz]; converts the noise density to noise per sample.
-        errors: errors of the track speeds.
-        rng: draws the errors.
+    `true` (n, 2) are mean speeds since the previous sample [m/s], at `times` (n,) [s]; the `rate` [Hz]
+    converts the noise density to noise per sample.
     """
     constants, events = rng.spawn(2)
     scale = 1.0 + errors.scale_sigma * rng.standard_normal()

@@ -58,12 +58,8 @@ def with_fix_errors(
 ) -> FixSeries:
     """Position fixes, with heading if its sigma is given, and none in an outage.
 
-    Args:
-        poses: (n, 3) true poses at `measured_pose_times`.
-        times: (n,) arrival times of the fixes [s].
-        errors: errors of the fixes.
-        outages: start and end [s] of each span without fixes, both included.
-        rng: draws the errors, those of fixes lost in an outage included.
+    `poses` (n, 3) are the true ones at `measured_pose_times`, `times` (n,) those of arrival [s]. Outages
+    have start and end [s], both included. `rng` draws also the errors of the fixes lost in one.
     """
     choices, sizes, wanders = rng.spawn(3)
     sigmas = np.array([errors.sigma, errors.sigma, errors.heading_sigma or 0.0])

@@ -79,13 +79,7 @@ def perfect_readings(
     """IMU readings without errors, for its place and mounting in the robot file.
 
     The accelerometer reads specific force, averaged over one sample interval. The gyro reads
-    `gyro_scale` times the rate.
-
-    Args:
-        motion: the true motion.
-        times: (n,) sample times [s].
-        rate: samples per second [Hz].
-        robot: place, mounting and scale of the IMU.
+    `gyro_scale` times the rate. Samples are at `times` (n,) [s], with a `rate` in Hz.
 
     Returns:
         Angular velocities (n, 3) times `gyro_scale` [rad/s], and specific forces (n, 3) [m/s²].
@@ -109,15 +103,8 @@ def with_inertial_errors(
 ) -> Imu:
     """Add IMU errors to error-free readings; x and y of "z" gyros become zero.
 
-    Args:
-        perfect: the readings, as returned by `perfect_readings`.
-        times: (n,) sample times [s].
-        rate: samples per second [Hz].
-        robot: axes of the gyro.
-        gyro: errors of the gyro.
-        accelerometer: errors of the accelerometer.
-        gyro_rng: draws the errors of the gyro.
-        accelerometer_rng: draws the errors of the accelerometer.
+    The `perfect` readings are those of `perfect_readings`, at `times` (n,) [s], with a `rate` in Hz. Gyro
+    and accelerometer have a generator each, which draws their errors.
     """
     rates, forces = perfect
     # The bias of the robot file is about the vertical of base_link.
@@ -130,17 +117,12 @@ def with_inertial_errors(
 
 
 def angular_velocities(motion: TrueMotion, times: Floats, window: float) -> Floats:
-    """Angular velocity (n, 3) of base_link in its own axes [rad/s].
+    """Angular velocity (n, 3) of base_link in its own axes [rad/s], at times (n,) [s].
 
     About z it is that of the true motion. About x and y it is the rotation of the ground under the
     robot, which turns gravity G in axes that follow the body but not its turns about z:
-    dG_x/dt = -G_z omega_y and dG_y/dt = G_z omega_x. On a plane G is constant, however the robot
-    turns on it.
-
-    Args:
-        motion: the true motion.
-        times: (n,) [s].
-        window: interval over which the change of gravity's direction is averaged [s].
+    dG_x/dt = -G_z omega_y and dG_y/dt = G_z omega_x, averaged over the interval `window` [s]. On a plane
+    G is constant, however the robot turns on it.
     """
     w = motion.twists_at(times)[:, 2]
     rates = np.stack([np.zeros_like(w), np.zeros_like(w), w], axis=-1)
@@ -162,13 +144,8 @@ def specific_forces(
     """Specific force (n, 3) in base_link's axes at a point fixed to it [m/s²].
 
     Acceleration of base_link, dv/dt + omega x v, plus domega/dt x r + omega x (omega x r), less the
-    acceleration of gravity.
-
-    Args:
-        motion: the true motion.
-        times: (n,) [s].
-        window: interval over which accelerations are averaged [s].
-        position: r, the point in base_link [m].
+    acceleration of gravity. `position` is r in base_link [m]; accelerations at `times` (n,) [s] are
+    averaged over the interval `window` [s].
     """
     a_x, a_y, w_rate = motion.accelerations_at(times, window).T
     omega = angular_velocities(motion, times, window)

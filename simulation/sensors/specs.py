@@ -23,13 +23,8 @@ DropoutRate = Annotated[float, Bound("from 0 to 36000", 0.0, 36_000.0)]
 # Parameters that `factor` multiplies.
 ENCODER_SCALED = ("speed_noise_density", "scale_sigma", "scale_difference_sigma", "resolution")
 INERTIAL_SCALED = (
-    "noise_density",
-    "bias_sigma",
-    "bias_instability",
-    "bias_walk",
-    "scale_sigma",
-    "misalignment_sigma",
-)
+    "noise_density", "bias_sigma", "bias_instability", "bias_walk", "scale_sigma", "misalignment_sigma",
+)  # fmt: skip
 FIX_SCALED = ("sigma", "heading_sigma", "wander_sigma")
 GRADED = (*INERTIAL_SCALED, "range")  # parameters of an IMU grade, in this order
 
