@@ -150,14 +150,14 @@ class BatchFilter:
             workspace[self.rows[f"P{i}_{i}"]] = sigmas[i] ** 2
 
     def _add_first_slip(self, workspace: Floats, first_speeds: Floats) -> None:
-        """Add the slip variance of each lane: the robot may be moving already, with slip."""
+        """Add the variance of the slip to each lane: the robot may be moving already."""
+        slip, gauge = self._disturbances.slip, self.robot.vehicle.track_gauge
         eta = self._model.steering_efficiency(self._prior[s.PARAMETERS])
+        rows = [self.rows[f"P{i}_{i}"] for i in range(s.SLIP.start, s.SLIP.stop)]
         for lane, (left, right) in enumerate(first_speeds.tolist()):
-            gauge = self.robot.vehicle.track_gauge
-            sigmas = slip_at(left, right, self._disturbances.slip, gauge, eta, False, 1.0)
-            for axis in range(3):
-                row = self.rows[f"P{s.SLIP_X + axis}_{s.SLIP_X + axis}"]
-                workspace[row, lane] += sigmas[axis] ** 2
+            sigmas = slip_at(left, right, slip, gauge, eta, pushed=False, factor=1.0)
+            for row, sigma in zip(rows, sigmas, strict=True):
+                workspace[row, lane] += sigma**2
 
     def work_through(
         self, lanes: Lanes, inputs: Floats, steps: Steps, table: Floats, estimates: Floats

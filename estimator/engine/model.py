@@ -190,18 +190,21 @@ def gravity_rows(angle: Any, tilt: Tilting, kept_share: Any, dt: Any) -> dict[in
 
 
 def advanced_memory(x: Any, inputs: ModelInputs, left: Any, right: Any, dt: Any) -> list[Any]:
-    """Advance the memory of an index model by dt [s], see `MotionModel.begin_step`.
+    """Memory of an index model after a step of dt [s], see `MotionModel.begin_step`.
 
     `left` and `right` are mean speeds of the tracks in the step [m/s], x (SIZE,) is the state.
     """
     left_factor, right_factor = track_factors(x)
-    speeds, parameters = (left * left_factor, right * right_factor), tuple(x[s.PARAMETERS])
+    speeds = left * left_factor, right * right_factor
+    parameters = tuple(x[s.PARAMETERS])
     if inputs.of_user is not None:
+        # A model of the user keeps its memory inside.
         inputs.of_user.recall(np.array(inputs.memory, dtype=float))
         inputs.of_user.begin_step(dt, *speeds, parameters, gravity_in(x))
         return list(inputs.of_user.memory)
-    keep = exponential(-dt / inputs.vehicle.load_lag)
-    return list(_advanced(inputs.memory, keep, speeds, parameters, gravity_in(x), inputs.vehicle))
+    kept_share = exponential(-dt / inputs.vehicle.load_lag)
+    memory, gravity = inputs.memory, gravity_in(x)
+    return list(_advanced(memory, kept_share, speeds, parameters, gravity, inputs.vehicle))
 
 
 def step_on_se2(yaw: Any, motion: Any) -> Any:

@@ -113,22 +113,29 @@ def paired_drift(drifts: Mapping[str, Drift]) -> PairedDrift:
     """Pair the drifts of one horizon on the common segments in which the robot moved."""
     if not drifts:
         raise ValueError("there is no drift to pair")
-    moving = [drift.starts[drift.moved] for drift in drifts.values()]
-    common = reduce(np.intersect1d, moving)
+    moving_starts = [drift.starts[drift.moved] for drift in drifts.values()]
+    common_starts = reduce(np.intersect1d, moving_starts)
     errors = [
-        drift.position_errors[np.searchsorted(drift.starts, common)] for drift in drifts.values()
+        drift.position_errors[np.searchsorted(drift.starts, common_starts)]
+        for drift in drifts.values()
     ]
-    # The segments of all variants are those of the first.
+    # Distances and durations are those of the truth, the same in each drift.
     first = next(iter(drifts.values()))
-    rows, duration = np.searchsorted(first.starts, common), first.horizon
-    if first.unit == "m":
-        duration = float(first.durations[rows].mean()) if len(common) else 1.0
-    step = float(np.median(np.diff(common))) * NANOSECOND if len(common) > 1 else 1.0
-    # Length of a segment and of a block, in segments that start one step apart.
-    length = max(1.0, duration / step)
-    block = min(BLOCK_SEGMENTS * length, max(length, len(common) / WANTED_BLOCKS))
-    distances = first.distances[rows]
-    return PairedDrift(tuple(drifts), np.array(errors), distances, max(1, math.ceil(block)))
+    rows = np.searchsorted(first.starts, common_starts)
+    block = _block_length(first, rows)
+    return PairedDrift(tuple(drifts), np.array(errors), first.distances[rows], block)
+
+
+def _block_length(drift: Drift, rows: NDArray[np.int64]) -> int:
+    """Length of a block of the bootstrap, in consecutive segments of `rows`."""
+    starts, duration = drift.starts[rows], drift.horizon
+    if drift.unit == "m":
+        duration = float(drift.durations[rows].mean()) if len(rows) else 1.0
+    step = float(np.median(np.diff(starts))) * NANOSECOND if len(rows) > 1 else 1.0
+    # In steps from one segment to the next, which overlaps it.
+    segment = max(1.0, duration / step)
+    block = min(BLOCK_SEGMENTS * segment, max(segment, len(rows) / WANTED_BLOCKS))
+    return max(1, math.ceil(block))
 
 
 def pooled_drift(logs: Sequence[PairedDrift]) -> PairedDrift:
@@ -158,20 +165,22 @@ def _usual_block(logs: Sequence[PairedDrift]) -> int:
 def matched_drifts(first: Drift, other: Drift, *, later: float = 0.0) -> tuple[Drift, Drift]:
     """Keep the segments of two drifts that start at the same time of one log.
 
-    Two runs may remove different lags of the truth: `later` is the time by which a pose is stamped later
-    in `other` than in `first` [s]. Both drifts get the stamps of the first.
+    Two runs may remove different lags of the truth: a pose with stamp t in `first` has t + `later` in
+    `other` [s]. Both drifts get the stamps of the first.
     """
     if not len(first.starts) or not len(other.starts):
         nothing = np.zeros(0, dtype=np.int64)
         return _select(first, nothing, nothing), _select(other, nothing, nothing)
-    starts = other.starts - round(later / NANOSECOND)
-    after = np.minimum(np.searchsorted(starts, first.starts), len(starts) - 1)
+    starts = first.starts
+    other_starts = other.starts - round(later / NANOSECOND)  # by the stamps of the first
+    # The nearest of `other_starts`, which are sorted, is that before or after.
+    after = np.minimum(np.searchsorted(other_starts, starts), len(other_starts) - 1)
     before = np.maximum(after - 1, 0)
-    closer = abs(starts[before] - first.starts) <= abs(starts[after] - first.starts)
-    nearest = np.where(closer, before, after)
-    same = abs(starts[nearest] - first.starts) < 0.5 * SEGMENT_STEP / NANOSECOND
-    stamps = first.starts[same]
-    return _select(first, np.flatnonzero(same), stamps), _select(other, nearest[same], stamps)
+    is_before_nearer = abs(other_starts[before] - starts) <= abs(other_starts[after] - starts)
+    nearest = np.where(is_before_nearer, before, after)
+    is_same = abs(other_starts[nearest] - starts) < 0.5 * SEGMENT_STEP / NANOSECOND
+    stamps = starts[is_same]
+    return _select(first, np.flatnonzero(is_same), stamps), _select(other, nearest[is_same], stamps)
 
 
 def _select(drift: Drift, rows: NDArray[np.int64], stamps: NDArray[np.int64]) -> Drift:

@@ -176,9 +176,9 @@ def _aligned(
     """Align a logged truth; drop it if its headings are missing and cannot be found."""
     truth = log.truth
     if truth is None or (truth.twists is not None and truth.headings):
-        return log, None
-    unaided = _Task(replace(log, fixes=None), robot, settings)
-    reckoned = _first_successful(variants, unaided.only_run)
+        return log, None  # a simulated truth has no lag and no lever arm
+    without_fixes = _Task(replace(log, fixes=None), robot, settings)
+    reckoned = _first_successful(variants, without_fixes.only_run)
     alignment = align_truth(truth, reckoned.trajectory, imu=log.imu)
     headings = alignment.headings
     if not truth.headings and headings is None:
@@ -189,10 +189,11 @@ def _aligned(
         return replace(log, truth=None, notes=(*log.notes, note)), None
     notes = (*log.notes, *alignment.notes)
     if truth.source == OF_FIXES:
-        white = "" if headings is None else f" (they scatter by {headings.noise:.2f} m)"
+        scatter = "" if headings is None else f" (they scatter by {headings.noise:.2f} m)"
         notes += (
-            f"without a truth, the fixes that are not used are scored against: their own errors{white}, "
-            "wander of metres with plain GPS, are in the figures, most of all in drift over short times",
+            "without a truth, the fixes that are not used are scored against: their own errors"
+            f"{scatter}, wander of metres with plain GPS, are in the figures, most of all in drift over "
+            "short times",
             "the error at the end is that of one cut: other parts, as --fixes 0:20% and --fixes 0:60%, "
             "show how much it varies",
         )
