@@ -446,8 +446,8 @@ def _track_settings(robot: Robot, eta0: float) -> dict[str, float | list[float]]
     return settings
 
 
+def _with_track(robot: Robot, gauge: float, eta0: float) -> Robot:
     """Robot with a gauge and eta0, without constant ICRs, which overrule eta0."""
-    """Robot with this gauge and eta0, without constant ICRs, which would overrule eta0."""
     vehicle = structs.replace(robot.vehicle, track_gauge=gauge)
     indices = structs.replace(robot.indices, eta0=eta0)
     return structs.replace(robot, vehicle=vehicle, indices=indices, constant_icr=None)
