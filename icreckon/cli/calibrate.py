@@ -30,7 +30,7 @@ from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
 from icreckon.replay.checking.worth import VARIANT
 from icreckon.replay.comparison.results import json_types, write_results
 from icreckon.replay.mapping.topics import topic_map, with_column_keys
-from icreckon.replay.reading.gather import refuse_twice, source_name
+from icreckon.replay.reading.gather import log_files, refuse_twice, source_name
 from icreckon.replay.reading.read_log import read_log
 from icreckon.replay.reading.tables import are_parts
 from icreckon.report.calibration.tables import WIDE_FROM, calibration_page, calibration_tables
@@ -88,7 +88,7 @@ def command(
     message_files = message_files or []
     definitions = read_definitions(message_files)
     parts = robot.log and are_parts(paths, topic_map(robot).columns)
-    logs_of = [paths] if parts else [[path] for path in paths]
+    logs_of = [paths] if parts else [log_files(path) or [path] for path in paths]
     with results_folder(out, f"icreckon-calibrate-{paths[0].stem}", overwrite=overwrite) as folder:
         logs = [_read(files, robot, definitions) for files in logs_of]
         calibration = _calibrate(logs, robot, segment, arm, names)

@@ -31,6 +31,7 @@ from icreckon.replay.reading.stream import Stream
 from icreckon.replay.reading.tables import Table, table_streams, wanted_columns
 from icreckon.replay.reading.tf import TransformStream
 
+LOG_SUFFIXES = (*BAG_SUFFIXES, *TABLE_SUFFIXES)
 PROGRESS_EVERY = 2000  # messages between two reports of progress
 
 Progress = Callable[[float], None]
@@ -72,15 +73,20 @@ def first_path(path: Path | str | Sequence[Path | str]) -> Path:
     return Path(path if isinstance(path, Path | str) else path[0])
 
 
-def _parts_of(folder: Path) -> list[Path]:
-    """Bags and tables in a folder with a table, by name; none if it is a ROS 2 bag."""
+def log_files(folder: Path) -> list[Path]:
+    """Bags and tables in a folder, by name; none if it is no folder, or a ROS 2 bag."""
     if not folder.is_dir() or (folder / "metadata.yaml").exists():
         return []
     with os_errors(folder, "cannot be read"):
         names = sorted(file.name for file in folder.iterdir())
-    tables = [name for name in names if name.lower().endswith(TABLE_SUFFIXES)]
-    bags = [name for name in names if name.endswith(BAG_SUFFIXES)]
-    return [folder / name for name in bags + tables] if tables else []
+    return [folder / name for name in names if name.lower().endswith(LOG_SUFFIXES)]
+
+
+def _parts_of(folder: Path) -> list[Path]:
+    """Files of a folder with a table; none for bags alone, which `over_bag` opens."""
+    files = log_files(folder)
+    has_table = any(file.name.lower().endswith(TABLE_SUFFIXES) for file in files)
+    return files if has_table else []
 
 
 def refuse_twice(names: Sequence[Path | str], what: str) -> None:

@@ -218,6 +218,25 @@ def test_bad_input_is_refused(folder: Path, options: dict[str, object], said: st
     assert sorted(folder.iterdir()) == before
 
 
+def test_all_log_files_of_a_folder_are_one_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[list[Path]] = []
+
+    def stop(files: list[Path], *_: object) -> None:
+        read.append(files)
+        raise ReplayError("enough")
+
+    monkeypatch.setattr("icreckon.cli.calibrate._read", stop)
+    (tmp_path / "bags").mkdir()
+    files = [tmp_path / "bags" / name for name in ("1.bag", "2.bag", "truth.tum", "notes.md")]
+    for file in files:
+        file.touch()
+    with pytest.raises(ReplayError, match="enough"):
+        calibrated(tmp_path, paths=["bags"])
+    assert [[file.name for file in log] for log in read] == [["1.bag", "2.bag", "truth.tum"]]
+
+
 @pytest.mark.slow
 def test_every_command_of_the_page_works(tmp_path: Path) -> None:
     run_page(PAGE, tmp_path)
