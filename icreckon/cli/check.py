@@ -117,7 +117,7 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, hints: list[str]) 
 
 
 def _verdict(checks: list[Check], contradictions: int) -> str:
-    """Say how many things contradict the log."""
+    """Headline: how many things contradict the log."""
     if contradictions:
         text = (
             "One thing contradicts"
