@@ -8,12 +8,14 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+from numpy.typing import NDArray
 from rosbags import interfaces, rosbag1, rosbag2
 from rosbags.rosbag2 import StoragePlugin
 
 from icreckon.estimator.base.array_types import Stamps
 from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.messages import Messages
+from icreckon.replay.bags.serialised import serialised_alike
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import written_beside
 
@@ -47,8 +49,22 @@ class Outbox(NamedTuple):
     topic: str  # the topic
     msgtype: str  # their type
     stamps: Stamps  # (n,) their stamps [ns]
-    make: Callable[[Messages, int], Any]  # function that makes the i-th message
+    # function that makes a message from the factory, a stamp [ns] and a row of each column
+    make: Callable[..., Any]
+    columns: tuple[NDArray[Any], ...] = ()  # arrays (n, ...) of their numbers
     latched: bool = False  # whether who subscribes later gets the newest message, too
+    alike: bool = (
+        True  # messages differ in the numbers of their rows only, which are float64 in them
+    )
+
+    def serialised(self, messages: Messages) -> Iterator[bytes]:
+        """Yield the messages as bytes."""
+        if self.alike and len(self.stamps) > 1:
+            of_messages = self.msgtype, self.make, self.stamps, self.columns
+            yield from serialised_alike(messages, *of_messages)
+            return
+        for stamp, *row in zip(self.stamps, *self.columns, strict=True):
+            yield bytes(messages.serialize(self.make(messages, stamp, *row), self.msgtype))
 
 
 def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bool = False) -> Path:
@@ -89,22 +105,21 @@ def bag_path(path: Path, kind: Format) -> Path:
 
 def _write_messages(outboxes: list[Outbox], writer: Any, messages: Messages) -> None:
     """Write the messages in the order of stamps; several outboxes may share a topic."""
-    # Messages are made one at a time, so that memory holds few of them.
     connections: dict[str, Any] = {}
-    store = messages.store
 
     def serialised(outbox: Outbox) -> Iterator[tuple[int, Any, bytes]]:
         """Yield (stamp [ns], connection, bytes); first of all, add the topic."""
-        topic, msgtype = outbox.topic, outbox.msgtype
+        topic = outbox.topic
         if topic not in connections:
             options: dict[str, Any] = {"callerid": f"/{MARK}"} if messages.ros1 else {}
             if outbox.latched:
                 options |= {"latching": 1} if messages.ros1 else {"offered_qos_profiles": [LATCHED]}
-            connection = writer.add_connection(topic, msgtype, typestore=store, **options)
-            connections[topic] = connection
-        for i, stamp in enumerate(outbox.stamps):
-            data = bytes(messages.serialize(outbox.make(messages, i), msgtype))
-            yield int(stamp), connections[topic], data
+            connections[topic] = writer.add_connection(
+                topic, outbox.msgtype, typestore=messages.store, **options
+            )
+        connection = connections[topic]
+        for stamp, data in zip(outbox.stamps.tolist(), outbox.serialised(messages), strict=True):
+            yield stamp, connection, data
 
     by_stamp = itemgetter(0)
     for stamp, connection, data in merge(*map(serialised, outboxes), key=by_stamp):

@@ -51,7 +51,7 @@ def diagnostics(runs: Mapping[str, Run], hardware: str) -> Outbox:
         for name, run in runs.items()
     }
 
-    def make(messages: Messages, i: int) -> Any:
+    def make(messages: Messages, stamp: int, i: int) -> Any:
         statuses = []
         for name, run in runs.items():
             row, trajectory = int(rows[name][i]), run.trajectory
@@ -66,10 +66,11 @@ def diagnostics(runs: Mapping[str, Run], hardware: str) -> Outbox:
             values = [messages.new(KEY_VALUE, key=key, value=text) for key, text in texts]
             fields = status._asdict() | {"hardware_id": hardware, "values": values}
             status_messages.append(messages.new(STATUS, **fields))
-        header = messages.header(stamps[i], "")
+        header = messages.header(stamp, "")
         return messages.new(DIAGNOSTICS, header=header, status=status_messages)
 
-    return Outbox(DIAGNOSTICS_TOPIC, DIAGNOSTICS, stamps, make)
+    numbers = (np.arange(len(stamps)),)
+    return Outbox(DIAGNOSTICS_TOPIC, DIAGNOSTICS, stamps, make, numbers, alike=False)
 
 
 def _innovations_before(run: Run, stamps: Stamps) -> list[_Innovations]:

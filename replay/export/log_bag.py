@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from icreckon.estimator.base.array_types import Stamps
+from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.frames import yaw_to_quaternion
 from icreckon.estimator.log import series
 from icreckon.estimator.log.log import Log
@@ -140,16 +140,16 @@ def _joint_states(
     """Track speeds as sensor_msgs/JointState, one rate for all joints of a side."""
     names = list(mapped.names)
     columns = [0] * len(mapped.left) + [1] * len(mapped.right)
-    # rosbags serialises contiguous rows only.
-    rates = np.ascontiguousarray((tracks.speeds / sprocket_radius)[:, columns])
     nothing = np.empty(0)
 
-    def make(messages: Messages, i: int) -> Any:
-        header = messages.header(tracks.stamps[i], "")
-        fields = {"name": names, "position": nothing, "velocity": rates[i], "effort": nothing}
+    def make(messages: Messages, stamp: int, rates: Floats) -> Any:
+        header = messages.header(stamp, "")
+        fields = {"name": names, "position": nothing, "velocity": rates, "effort": nothing}
         return messages.new(ros.JOINT_STATE, header=header, **fields)
 
-    return Outbox(topic, ros.JOINT_STATE, tracks.stamps, make)
+    # rosbags serialises contiguous rows only.
+    rates = np.ascontiguousarray((tracks.speeds / sprocket_radius)[:, columns])
+    return Outbox(topic, ros.JOINT_STATE, tracks.stamps, make, (rates,))
 
 
 def _imu_messages(topic: str, imu: series.ImuSeries) -> Outbox:
@@ -157,21 +157,21 @@ def _imu_messages(topic: str, imu: series.ImuSeries) -> Outbox:
     absent, unknown = np.zeros(9), np.zeros(9)
     absent[0] = ABSENT
     forces = imu.linear_acceleration
-    no_force = (0.0, 0.0, 0.0)
 
-    def make(messages: Messages, i: int) -> Any:
+    def make(messages: Messages, stamp: int, rates: Floats, force: Any = (0.0, 0.0, 0.0)) -> Any:
         return messages.new(
             ros.IMU,
-            header=messages.header(imu.stamps[i], IMU_LINK),
+            header=messages.header(stamp, IMU_LINK),
             orientation=messages.quaternion((0.0, 0.0, 0.0, 1.0)),
             orientation_covariance=absent,
-            angular_velocity=messages.vector(imu.angular_velocity[i]),
+            angular_velocity=messages.vector(rates),
             angular_velocity_covariance=unknown,
-            linear_acceleration=messages.vector(no_force if forces is None else forces[i]),
+            linear_acceleration=messages.vector(force),
             linear_acceleration_covariance=absent if forces is None else unknown,
         )
 
-    return Outbox(topic, ros.IMU, imu.stamps, make)
+    columns = (imu.angular_velocity,) if forces is None else (imu.angular_velocity, forces)
+    return Outbox(topic, ros.IMU, imu.stamps, make, columns)
 
 
 def fix_messages(topic: str, fixes: series.FixSeries) -> Outbox:
@@ -180,35 +180,33 @@ def fix_messages(topic: str, fixes: series.FixSeries) -> Outbox:
     quaternions = yaw_to_quaternion(np.where(no_heading, 0.0, fixes.poses[:, 2]))
     yaw_variances = np.where(no_heading, UNUSED_VARIANCE, fixes.variances[:, 1])
 
-    def make(messages: Messages, i: int) -> Any:
-        position_variance = fixes.variances[i, 0]
-        variances = np.diag([position_variance, position_variance, yaw_variances[i]])
-        covariance = planar_covariance(variances)
-        position = (*fixes.poses[i, :2], 0.0)
-        header = messages.header(fixes.stamps[i], ODOM)
-        pose = messages.pose_with_covariance(position, quaternions[i], covariance)
-        return messages.new(ros.POSE_WITH_COVARIANCE, header=header, pose=pose)
+    def make(messages: Messages, stamp: int, xy: Any, quaternion: Any, *variances: float) -> Any:
+        position_variance, yaw_variance = variances
+        covariance = np.diag([position_variance, position_variance, yaw_variance])
+        pose = messages.pose_with_covariance((*xy, 0.0), quaternion, planar_covariance(covariance))
+        return messages.new(
+            ros.POSE_WITH_COVARIANCE, header=messages.header(stamp, ODOM), pose=pose
+        )
 
-    return Outbox(topic, ros.POSE_WITH_COVARIANCE, fixes.stamps, make)
+    columns = fixes.poses[:, :2], quaternions, fixes.variances[:, 0], yaw_variances
+    return Outbox(topic, ros.POSE_WITH_COVARIANCE, fixes.stamps, make, columns)
 
 
 def pose_messages(topic: str, poses: series.PoseSeries) -> Outbox:
     """Poses as geometry_msgs/PoseStamped in odom."""
-    positions, quaternions = poses.positions, poses.quaternions
 
-    def make(messages: Messages, i: int) -> Any:
-        header = messages.header(poses.stamps[i], ODOM)
-        pose = messages.pose(positions[i], quaternions[i])
-        return messages.new(ros.POSE, header=header, pose=pose)
+    def make(messages: Messages, stamp: int, position: Any, quaternion: Any) -> Any:
+        pose = messages.pose(position, quaternion)
+        return messages.new(ros.POSE, header=messages.header(stamp, ODOM), pose=pose)
 
-    return Outbox(topic, ros.POSE, poses.stamps, make)
+    return Outbox(topic, ros.POSE, poses.stamps, make, (poses.positions, poses.quaternions))
 
 
 def _twist_messages(topic: str, twists: series.TwistSeries) -> Outbox:
     """Body velocities as geometry_msgs/TwistStamped in base_link."""
 
-    def make(messages: Messages, i: int) -> Any:
-        header = messages.header(twists.stamps[i], BASE_LINK)
-        return messages.new(ros.TWIST, header=header, twist=messages.twist(twists.twists[i]))
+    def make(messages: Messages, stamp: int, twist: Floats) -> Any:
+        header = messages.header(stamp, BASE_LINK)
+        return messages.new(ros.TWIST, header=header, twist=messages.twist(twist))
 
-    return Outbox(topic, ros.TWIST, twists.stamps, make)
+    return Outbox(topic, ros.TWIST, twists.stamps, make, (twists.twists,))

@@ -92,46 +92,58 @@ def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Ro
 def _odometry_messages(topic: str, trajectory: Trajectory, frame: str) -> Outbox:
     """nav_msgs/Odometry: poses of a frame in odom, its twists in that frame."""
     series, sigmas = trajectory.pose_series, trajectory.spatial_sigmas
-    positions, quaternions = series.positions, series.quaternions
+
+    def make(
+        messages: Messages,
+        stamp: int,
+        position: Floats,
+        quaternion: Floats,
+        covariance: Floats,
+        twist: Floats,
+        twist_covariance: Floats,
+        spatial_variances: Floats | None = None,
+    ) -> Any:
+        pose_covariance = planar_covariance(covariance)
+        if spatial_variances is not None:
+            pose_covariance[SPATIAL_VARIANCES] = spatial_variances
+        return messages.new(
+            ros.ODOMETRY,
+            header=messages.header(stamp, ODOM),
+            child_frame_id=frame,
+            pose=messages.pose_with_covariance(position, quaternion, pose_covariance),
+            twist=messages.twist_with_covariance(twist, planar_covariance(twist_covariance)),
+        )
+
+    columns: tuple[Floats, ...] = series.positions, series.quaternions, trajectory.pose_covariances
+    columns += trajectory.twists, trajectory.twist_covariances
     # Only runs in three dimensions estimate z, roll and pitch.
-    spatial = sigmas.astype(float) ** 2 if sigmas is not None and sigmas.any() else None
-
-    def make(messages: Messages, i: int) -> Any:
-        pose_covariance = planar_covariance(trajectory.pose_covariances[i])
-        if spatial is not None:
-            pose_covariance[SPATIAL_VARIANCES] = spatial[i]
-        twist_covariance = planar_covariance(trajectory.twist_covariances[i])
-        pose = messages.pose_with_covariance(positions[i], quaternions[i], pose_covariance)
-        twist = messages.twist_with_covariance(trajectory.twists[i], twist_covariance)
-        fields = {"header": messages.header(trajectory.stamps[i], ODOM), "child_frame_id": frame}
-        return messages.new(ros.ODOMETRY, **fields, pose=pose, twist=twist)
-
-    return Outbox(topic, ros.ODOMETRY, trajectory.stamps, make)
+    if sigmas is not None and sigmas.any():
+        columns += (sigmas.astype(float) ** 2,)
+    return Outbox(topic, ros.ODOMETRY, trajectory.stamps, make, columns)
 
 
 def _transforms(series: PoseSeries, frame: str) -> Outbox:
     """Transforms of a frame in odom on /tf, at most `TF_RATE` a second."""
     series = series.rows(thinned(series.stamps, TF_RATE))
-    positions, quaternions = series.positions, series.quaternions
 
-    def make(messages: Messages, i: int) -> Any:
-        place, turn = messages.vector(positions[i]), messages.quaternion(quaternions[i])
+    def make(messages: Messages, stamp: int, position: Floats, quaternion: Floats) -> Any:
+        place, turn = messages.vector(position), messages.quaternion(quaternion)
         pose = messages.new("geometry_msgs/msg/Transform", translation=place, rotation=turn)
-        fields = {"header": messages.header(series.stamps[i], ODOM), "child_frame_id": frame}
+        fields = {"header": messages.header(stamp, ODOM), "child_frame_id": frame}
         transform = messages.new(ros.TRANSFORM, **fields, transform=pose)
         return messages.new(ros.TF, transforms=[transform])
 
-    return Outbox(TF_TOPIC, ros.TF, series.stamps, make)
+    return Outbox(TF_TOPIC, ros.TF, series.stamps, make, (series.positions, series.quaternions))
 
 
 def _path_message(topic: str, series: PoseSeries) -> Outbox:
     """Path of at most `PATH_POSES` poses, as one latched message with the first stamp."""
-    rows = picks(len(series.stamps), PATH_POSES)
-    poses = pose_messages(topic, series.rows(rows))
+    poses = pose_messages(topic, series.rows(picks(len(series.stamps), PATH_POSES)))
 
-    def make(messages: Messages, i: int) -> Any:
-        stamped = [poses.make(messages, k) for k in range(len(rows))]
-        return messages.new(ros.PATH, header=messages.header(poses.stamps[i], ODOM), poses=stamped)
+    def make(messages: Messages, stamp: int) -> Any:
+        rows = zip(poses.stamps, *poses.columns, strict=True)
+        stamped = [poses.make(messages, *row) for row in rows]
+        return messages.new(ros.PATH, header=messages.header(stamp, ODOM), poses=stamped)
 
     return Outbox(topic, ros.PATH, poses.stamps[:1], make, latched=True)
 
@@ -148,11 +160,11 @@ def _icr_markers(
     # At the height of the frame's origin.
     left, right = (np.column_stack([*point, np.zeros(len(rows))]) for point in icrs)
 
-    def make(messages: Messages, i: int) -> Any:
+    def make(messages: Messages, stamp: int, left: Floats, right: Floats) -> Any:
         markers = [
             messages.blank(
                 ros.MARKER,
-                header=messages.header(stamps[i], frame),
+                header=messages.header(stamp, frame),
                 ns="icrs",
                 id=number,
                 type=kind,
@@ -160,13 +172,13 @@ def _icr_markers(
                 scale=messages.vector((size, size, size)),
                 color=messages.new("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
                 frame_locked=True,
-                points=[messages.point(left[i]), messages.point(right[i])],
+                points=[messages.point(left), messages.point(right)],
             )
             for number, (kind, size) in enumerate(ICR_MARKERS)
         ]
         return messages.new(ros.MARKERS, markers=markers)
 
-    return Outbox(topic, ros.MARKERS, stamps, make)
+    return Outbox(topic, ros.MARKERS, stamps, make, (left, right))
 
 
 def _globe_messages(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> Outbox:
@@ -184,13 +196,20 @@ def _globe_messages(topic: str, trajectory: Trajectory, origin: Origin, frame: s
         altitudes += trajectory.spatial[rows, 0]
         covariances[:, 2, 2] = trajectory.spatial_sigmas[rows, 0] ** 2
 
-    def make(messages: Messages, i: int) -> Any:
-        place = {"latitude": latitude[i], "longitude": longitude[i], "altitude": altitudes[i]}
-        place["position_covariance"] = covariances[i].ravel()
-        place["position_covariance_type"] = COVARIANCE_KNOWN
-        return messages.blank(ros.NAVSATFIX, header=messages.header(stamps[i], frame), **place)
+    def make(messages: Messages, stamp: int, *place: Any) -> Any:
+        latitude, longitude, altitude, covariance = place
+        return messages.blank(
+            ros.NAVSATFIX,
+            header=messages.header(stamp, frame),
+            latitude=latitude,
+            longitude=longitude,
+            altitude=altitude,
+            position_covariance=covariance.ravel(),
+            position_covariance_type=COVARIANCE_KNOWN,
+        )
 
-    return Outbox(topic, ros.NAVSATFIX, stamps, make)
+    columns = latitude, longitude, altitudes, covariances
+    return Outbox(topic, ros.NAVSATFIX, stamps, make, columns)
 
 
 def thinned(stamps: Stamps, rate: float) -> Any:
