@@ -106,7 +106,8 @@ def of_healthy(key: tuple[str, str]) -> Figures:
     first = log.between(log.start, log.start + 40 * SECOND)
     found = {f"{name}, lanes": of_run(run(log, robot, name)) for name in VARIANTS}
     found |= {name: of_each(log, robot, name) for name in BOTH}
-    found["late"] = of_late(first, robot, "inertia-online")
+    start = log.between(log.start, log.start + 15 * SECOND)
+    found["late"] = of_late(start, robot, "inertia-online")
     found["smoothed"] = of_run(smooth(first, robot, "inertia-online").smoothed)
     wander = Settings(wander=FixWander(1.0, 60.0))
     found["wander"] = of_run(run(first, robot, "constant-online", settings=wander))

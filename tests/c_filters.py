@@ -225,7 +225,7 @@ def in_order(measurements: Iterable[Measurement]) -> list[Measurement]:
 
 
 def compare(
-    found: CFilter, expected: PoseEstimator, measurements: Iterable[Measurement], every: int = 7
+    found: CFilter, expected: PoseEstimator, measurements: Iterable[Measurement], every: int = 29
 ) -> Difference:
     """Feed both filters; compare them at some measurements and at each fix."""
     off = Difference()

@@ -204,10 +204,15 @@ class Problem:
         offset_y = self._by_segment(values, "offset_left")[:, None]
         turn = values[self.place("mounting_yaw")]
         cos, sin = np.cos(turn), np.sin(turn)
-        x, y = np.moveaxis(self.recording.mean_force(self._marks), -1, 0)
+        x, y = np.moveaxis(self._imu_forces, -1, 0)
         force_x = cos * x - sin * y - about_x[..., 0] - offset_x
         force_y = sin * x + cos * y - about_y[..., 0] - offset_y
         return np.concatenate([force_x, force_y], axis=1)
+
+    @cached_property
+    def _imu_forces(self) -> Floats:
+        """Mean specific forces (n, BINS, 2) of the IMU, in its axes [m/s²]."""
+        return self.recording.mean_force(self._marks)
 
     @property
     def _marks(self) -> Indexes:

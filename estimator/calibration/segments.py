@@ -6,6 +6,7 @@ of some 50 ms, the truth is averaged about the ends of segments (knots). Axes ar
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -29,6 +30,7 @@ LARGEST_GAP, LARGEST_TRUTH_GAP = 0.5, 1.0
 KNOT_WINDOW = 0.25  # truth within this time of a knot counts for it [s]
 FEWEST_FOR_LINE, ASIDE = 4, 0.03
 """Least number of poses for a line, if their squared mean is at most this share of their variance."""
+KEPT_KNOTS = 2  # lags whose truth at the knots is kept: the present ones, and these plus a step
 STILL_SHARE = 0.005  # speeds up to this share of the fastest count as standstill [-]
 LEAST_FINITE = 0.9  # least share of finite accelerometer readings; the others are interpolated [-]
 LEAST_SHARED = 5.0  # least time that truth and IMU share [s]
@@ -128,6 +130,19 @@ class Recording:
         Returns:
             Position (k, 2) [m], mean rotation matrix (k, 2, 2) by the yaw, and yaw (k,) [rad].
         """
+        kept, key = self._kept_knots, lags.tobytes()
+        if key not in kept:
+            if len(kept) == KEPT_KNOTS:
+                kept.clear()
+            kept[key] = self._knots(lags)
+        return kept[key]
+
+    @cached_property
+    def _kept_knots(self) -> dict[bytes, tuple[Floats, Floats, Floats]]:
+        """Results of `knots` by the bytes of the lags: most calls change other parameters."""
+        return {}
+
+    def _knots(self, lags: Floats) -> tuple[Floats, Floats, Floats]:
         # Columns: x, y [m], cosine and sine of the yaw, yaw [rad].
         means = np.zeros((len(self.knot_times), 5))
         for log, motion in enumerate(self.motions):

@@ -1,7 +1,7 @@
 """Serialisation of many messages that differ in their numbers only.
 
-One message of placeholders is serialised and shows at which bytes each number is. The bytes of all others
-are filled in as columns, ten times faster than each message by itself.
+One message of placeholders is serialised and shows at which bytes each number is. The numbers of all
+others are filled in there as columns, which is ten times faster.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -57,7 +57,7 @@ def serialised_alike(
 
 
 def _rows(stamps: Stamps, columns: Sequence[NDArray[Any]]) -> NDArray[np.uint8]:
-    """Bytes (n, k, 8) of k numbers of each message: its stamp, then the rows of the columns."""
+    """Bytes (n, k, 8) of the stamp and the numbers of each message."""
     parts = [np.column_stack(np.divmod(stamps, NANOSECONDS)).astype("<u4")]
     parts += [column.reshape(len(column), -1).astype("<f8", order="C") for column in columns]
     numbers = np.hstack([part.view(np.uint8) for part in parts])

@@ -3,7 +3,6 @@
 import re
 import shlex
 import shutil
-import subprocess
 from pathlib import Path
 
 import msgspec
@@ -15,7 +14,7 @@ from icreckon import VARIANTS, Imu, load_robot, load_scenario
 from icreckon.estimator.robot.variants import used_parameters
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.simulation.drives.trajectories import trajectory_names, trajectory_options
-from readme import RENEWS, ROOT, code_blocks, says, shell
+from readme import RENEWS, ROOT, code_blocks, says
 
 SHELL = code_blocks("sh")
 
@@ -131,30 +130,10 @@ def test_links_between_the_pages_lead_to_headings() -> None:
                 assert anchor in anchors(target), f"{page.name} links {file}#{anchor}"
 
 
-@pytest.fixture(scope="module")
-def fresh_clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of what git tracks, as it is in the working tree."""
-    folder = tmp_path_factory.mktemp("clone")
-    listed = subprocess.run(
-        ["git", "ls-files"], capture_output=True, text=True, check=True, cwd=ROOT
-    )
-    for name in listed.stdout.splitlines():
-        target = folder / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(ROOT / name, target, follow_symlinks=False)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def demo(fresh_clone: Path) -> str:
-    """Output of the README's first line, which makes a virtual environment in the clone."""
-    return shell(SHELL[0], fresh_clone)
-
-
 @pytest.mark.slow
-def test_the_demo_line_works_in_a_fresh_virtual_environment(demo: str, fresh_clone: Path) -> None:
-    assert "inertia-online" in demo
-    made, shown = fresh_clone / "icreckon-demo" / "figure.png", ROOT / "docs" / "demo.png"
+def test_the_demo_gives_the_picture_of_the_readme(tmp_path: Path) -> None:
+    assert "inertia-online" in icreckon("demo", cwd=tmp_path, drawn=True).stdout
+    made, shown = tmp_path / "icreckon-demo" / "figure.png", ROOT / "docs" / "demo.png"
     if RENEWS:
         shutil.copy(made, shown)
     titles = [Image.open(figure).text["Title"].splitlines() for figure in (made, shown)]
@@ -189,11 +168,14 @@ def test_the_replay_commands_work_on_a_bag(tmp_path: Path) -> None:
     assert "The data support" in run(fourth).stdout
 
 
-def test_the_test_line_is_the_one_that_ci_runs() -> None:
-    """CI runs the README's test line on a clean clone; running it from within would be a loop."""
+def test_the_first_lines_are_those_that_ci_runs() -> None:
+    """CI runs the README's lines on a clean clone; running them from within would be a loop."""
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
-    assert "grep -m 1 -- '-m pytest' README.md" in script
-    # In two parts, between which kernels are compiled.
-    assert {'-c "${test_line% && *}"\n', '-c "${test_line##* && }"\n'} <= set(
-        re.findall(r"^bash -euo pipefail (-c .*\n)", script, flags=re.MULTILINE)
-    )
+    for words, name in ((SHELL[0], "demo_line"), (SHELL[1], "test_line")):
+        (shown,) = re.findall(
+            rf"^{name}=\$\(grep -m 1 -- '(.*)' README\.md\)$", script, re.MULTILINE
+        )
+        assert shown in words
+        # In two parts, after the first of which kernels are compiled, or files are checked.
+        for part in ("% &&", "##* &&"):
+            assert f'\nbash -euo pipefail -c "${{{name}{part}' in script

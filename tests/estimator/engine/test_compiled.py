@@ -173,7 +173,7 @@ def everything():
                 measurements += [pose, ZeroVelocity(at)]
     # Some come late.
     arrival = [
-        m.stamp + (200_000_000 if rng.random() < 0.02 else 0) - log.start for m in measurements
+        m.stamp + (100_000_000 if rng.random() < 0.01 else 0) - log.start for m in measurements
     ]
     return [measurements[index] for index in np.argsort(arrival, kind="stable")]
 

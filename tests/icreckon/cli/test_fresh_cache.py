@@ -14,8 +14,6 @@ from command_line import results_in
 from conftest import REPOSITORY
 from icreckon.simulation.study.plan import study_names
 
-pytestmark = pytest.mark.slow
-
 TAKE_LONGEST = tuple(
     f"icreckon.estimator.{name}."
     for name in (
@@ -77,6 +75,7 @@ for name in sys.argv[1:]:
 """
 
 
+@pytest.mark.slow
 def test_shipped_studies_run_through_and_compile_nothing(prepared, tmp_path):
     kernels = set(prepared.rglob("*.kernel"))
     found_at = os.pathsep.join([str(REPOSITORY / "tests"), os.environ.get("PYTHONPATH", "")])
@@ -94,6 +93,8 @@ def test_shipped_studies_run_through_and_compile_nothing(prepared, tmp_path):
         assert all(math.isfinite(number) and abs(number) < 1e9 for number in numbers), name
 
 
+@pytest.mark.slow
+@pytest.mark.thorough
 def test_replays_at_once_say_what_one_after_prepare_says(prepared, tmp_path, tmp_path_factory):
     """Two commands that compile the same kernels at once share a cache that lacks them, and fills."""
     shared = tmp_path_factory.mktemp("shared")
