@@ -41,9 +41,9 @@ def survives(folder: Path, seconds: float, seed: int, cc: str = "gcc") -> None:
     assert done.stderr == ""
 
 
-@pytest.mark.parametrize("compact", [False, True])
-def test_a_hostile_minute(compact: bool, tmp_path: Path) -> None:
-    survives(written(tmp_path, "inertia-online", 32, compact), 90.0, 1)
+def test_a_hostile_minute(tmp_path: Path) -> None:
+    """The compact form, which compiles in a third of the time."""
+    survives(written(tmp_path, "inertia-online", 32, True), 90.0, 1)
 
 
 ALL = [(one, bits, "gcc") for one in ("gyro", "full-linear", "inertia-online") for bits in (64, 32)]
