@@ -202,16 +202,12 @@ def until_heard(record: Process, path: Path, bag: Path) -> None:
 
 
 def until_quiet(record: Process, path: Path) -> None:
-    """Wait until the node has worked through its queues: no odometry comes any more."""
-    count, since = -1, time.monotonic()
-
-    def quiet() -> bool:
-        nonlocal count, since
-        if (now := odometry_heard(path)) != count:
-            count, since = now, time.monotonic()
-        return time.monotonic() - since > REORDER + 3.0
-
-    until(quiet, record)
+    """Wait until the node has worked through its queues: no odometry comes for 5 s."""
+    count = -1
+    while (heard := odometry_heard(path)) != count:
+        assert record.popen.poll() is None, record.text()
+        count = heard
+        time.sleep(5.0)
 
 
 def odometry_heard(path: Path) -> int:
