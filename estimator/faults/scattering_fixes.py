@@ -76,6 +76,7 @@ class ScatterRecord(msgspec.Struct):
     time: OfFixes = zeros(ROOM)  # their times [ns]
     x: OfFixes = zeros(ROOM)  # measured [m]
     y: OfFixes = zeros(ROOM)  # measured [m]
+    stated: OfFixes = zeros(ROOM)  # variances that they state [m²]
     path_x: OfFixes = zeros(ROOM)  # place of the antenna on the path by dead reckoning [m]
     path_y: OfFixes = zeros(ROOM)  # see above [m]
     yaw: OfFixes = zeros(ROOM)  # yaw on the path [rad]
@@ -156,7 +157,7 @@ def add_fix(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
     scatter.turn += yaw - fix.predicted[2]
     scatter.used += fix.used and variance_before > fix.variance
     if is_aligned and scatter.laid >= FEWEST_ALIGNED:
-        measure_scatter(scatter, fix.variance)
+        measure_scatter(scatter)
     return variance_before == 0.0 < scatter.variance
 
 
@@ -182,7 +183,8 @@ def align_newest(scatter: ScatterRecord, fix: TakenFix) -> bool:
         span, gap = time - scatter.time[0], time - scatter.time[count - 1]
         if gap * NANOSECOND < min(LEAST_INTERVAL, SHARE_OF_SPAN * span * NANOSECOND):
             return False
-    scatter.time[count], scatter.x[count], scatter.y[count] = time, fix.x, fix.y
+    scatter.time[count], scatter.stated[count] = time, fix.variance
+    scatter.x[count], scatter.y[count] = fix.x, fix.y
     scatter.path_x[count], scatter.path_y[count] = scatter.newest_x, scatter.newest_y
     scatter.yaw[count] = fix.predicted[2] - scatter.turn
     scatter.waiting += 1
@@ -194,23 +196,24 @@ def align_newest(scatter: ScatterRecord, fix: TakenFix) -> bool:
         for k in range(scatter.laid):
             scatter.time[k], scatter.yaw[k] = scatter.time[k + surplus], scatter.yaw[k + surplus]
             scatter.x[k], scatter.y[k] = scatter.x[k + surplus], scatter.y[k + surplus]
+            scatter.stated[k] = scatter.stated[k + surplus]
             scatter.path_x[k] = scatter.path_x[k + surplus]
             scatter.path_y[k] = scatter.path_y[k + surplus]
     return True
 
 
-def measure_scatter(scatter: ScatterRecord, stated: float) -> None:
+def measure_scatter(scatter: ScatterRecord) -> None:
     """Update `scatter.variance` and `scatter.likeness` by the aligned fixes.
 
     The variance follows a larger scatter at once and fades if fixes scatter less. It is 0 if it is not
-    above that which the newest fix states, `stated` [m²].
+    above that which the newest fix states.
     """
     factor = FACTOR_STILL if scatter.variance > 0.0 else FACTOR_FOUND
     spread = residual_spread(scatter)
     is_sliding = spread.second_differences <= SLIDING_RATIO * spread.differences
     aligned_interval = max(spread.interval, SHORTEST_INTERVAL)
     white_variance, walk_over_white = 0.0, 1.0
-    if not is_sliding and steps_scatter(scatter, stated, factor):
+    if not is_sliding and steps_scatter(scatter, factor):
         expected = expected_residuals(scatter)
         if scatter.laid >= FEWEST_IN_ORDER:
             ratio = spread.differences / spread.squares
@@ -225,29 +228,27 @@ def measure_scatter(scatter: ScatterRecord, stated: float) -> None:
     walk = min(1.0, max(0.0, (scatter.likeness - WHITE_UP_TO) / (WALKS_FROM - WHITE_UP_TO)))
     kept = KEPT_SHARE ** (1.0 - walk) * math.exp(-walk * aligned_interval / KEPT_TIME)
     variance = max(white_variance * walk_over_white**walk, kept * scatter.variance)
-    scatter.variance = variance if variance > stated else 0.0
+    scatter.variance = variance if variance > scatter.stated[scatter.laid - 1] else 0.0
 
 
-def steps_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
+def steps_scatter(scatter: ScatterRecord, least: float) -> bool:
     """Return True if most of the newest steps are off, along and across.
 
     They are if no turn and stretch of the path makes half of its steps fit those of the fixes. Tried are
-    those that make one of the steps fit. Fixes have the variance `stated` [m²]; a step is off from
-    `least` times its expected variance on, of many fixes.
+    those that make one of the steps fit. A step is off from `least` times its expected variance on, of
+    many fixes.
     """
     first = max(1, scatter.laid - NEWEST_STEPS)
-    do_fit = steps_fit(scatter, first, 1.0 + 0j, stated, least)
+    do_fit = steps_fit(scatter, first, 1.0 + 0j, least)
     for k in range(first, scatter.laid):
         path, fixes = path_step(scatter, k), fix_step(scatter, k)
         if not do_fit and min(magnitude(path), magnitude(fixes)) > LEAST_DISTANCE:
             stretch = fixes * path.conjugate() * (1.0 / squared_magnitude(path))
-            do_fit = steps_fit(scatter, first, stretch, stated, least)
+            do_fit = steps_fit(scatter, first, stretch, least)
     return not do_fit
 
 
-def steps_fit(
-    scatter: ScatterRecord, first: int, stretch: complex, stated: float, least: float
-) -> bool:
+def steps_fit(scatter: ScatterRecord, first: int, stretch: complex, least: float) -> bool:
     """Return True if half of the steps fit those of the path, turned by `stretch`."""
     turn_back, count = stretch.conjugate() * (1.0 / magnitude(stretch)), scatter.laid - first
     factor = MEDIAN_SQUARE * least * (1.0 + FACTOR_OF_FEW / (count - 1.0) ** 2)
@@ -259,7 +260,7 @@ def steps_fit(
         # In the robot's axes: the real part is along it, the imaginary part across.
         residual = fix_step(scatter, k) - stretch * path
         residual = residual * unit_number(-scatter.yaw[k]) * turn_back
-        limit = factor * (2.0 * stated + path_error**2)
+        limit = factor * (scatter.stated[k - 1] + scatter.stated[k] + path_error**2)
         along += residual.real**2 <= limit
         across += residual.imag**2 <= limit
     return 2 * max(along, across) >= count

@@ -1,6 +1,6 @@
 """Saved estimators: the whole estimator as one JSON file, which people can read.
 
-    {"format": "icreckon estimator", "version": 14, "checksum": "...", "content": {
+    {"format": "icreckon estimator", "version": 15, "checksum": "...", "content": {
         "variant", "robot", "settings"      arguments of the estimator
         "now"                               checkpoint of the filter, see `FilterCheckpoint`; the state by
                                             name, the covariance in rows in the order of the state
@@ -38,7 +38,7 @@ from icreckon.estimator.streaming.late_measurements import HistoryCheckpoint
 from icreckon.estimator.streaming.latencies import Latencies
 
 FORMAT = "icreckon estimator"
-VERSION = 14
+VERSION = 15
 SHORT = 120  # objects of up to this many characters are written on one line of the file
 UNUSED = ("log", "note", "format")  # keys of a robot file that an estimator does not depend on
 # Keys of a robot file that learnt parameters, scales and biases depend on; the others are noise.

@@ -1,5 +1,6 @@
 """Comparison of several filter variants over one log."""
 
+import math
 import multiprocessing
 import pickle
 from collections.abc import Callable, Sequence
@@ -22,7 +23,8 @@ from icreckon.estimator.filter.fault_table import OWN_FAULTS
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.log.series import Truth, require_part
+from icreckon.estimator.log.series import require_part
+from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import VARIANTS, find_variant
@@ -41,7 +43,7 @@ from icreckon.replay.comparison.fixes import (
     with_fixes_within,
     with_truth_of_fixes,
 )
-from icreckon.replay.comparison.initial_pose import start_from_fixes
+from icreckon.replay.comparison.initial_pose import lateness, start_from_fixes, start_from_truth
 from icreckon.replay.comparison.known_bias import GYRO, KnownBias, known_bias
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_truth, own_alignment
 
@@ -126,13 +128,16 @@ def compare(
         find_variant(name)
     if fixes is not None:
         log = with_truth_of_fixes(log)
-    log, alignment = _aligned(_without_false_headings(log, robot), robot, variants, settings)
+    log = _without_false_headings(log, robot)
+    log, alignment, reckoned = _aligned(log, robot, variants, settings)
     if fixes is not None:
         log = with_fixes_within(log, fixes)
     start, sigma = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     if log.truth is not None and log.truth.source != OF_FIXES:
-        start = _pose_at(log.truth, log.start)
-        sigma = (0.0, 0.0, 0.0) if alignment is None else alignment.start_sigma
+        start, sigma = start_from_truth(log, log.truth, reckoned)
+        if alignment is not None:
+            x, y, yaw = map(math.hypot, sigma, alignment.start_sigma)
+            sigma = x, y, yaw
     elif log.fixes is not None:
         begin = partial(start_from_fixes, log, robot, settings=settings)
         start, sigma = _first_successful(variants, begin)
@@ -151,7 +156,7 @@ def compare(
         with_bias = {result.variant: result for result in rerun if isinstance(result, Run)}
         runs, bias = runs | with_bias, bias if GYRO in with_bias else None
     if alignment is not None and log.fixes is None:
-        runs = {name: _from_own_start(runs[name], log, alignment, start) for name in runs}
+        runs = {name: _from_own_start(runs[name], log, alignment) for name in runs}
     return Comparison(log, runs, alignment, failed, bias)
 
 
@@ -172,22 +177,30 @@ def _without_false_headings(log: Log, robot: Robot) -> Log:
 
 def _aligned(
     log: Log, robot: Robot, variants: Sequence[str], settings: Settings | None
-) -> tuple[Log, TruthAlignment | None]:
-    """Align a logged truth; drop it if its headings are missing and cannot be found."""
+) -> tuple[Log, TruthAlignment | None, Trajectory | None]:
+    """Align a logged truth by dead reckoning, which is also returned.
+
+    A truth is dropped if its headings are missing and cannot be found.
+    """
     truth = log.truth
     if truth is None or (truth.twists is not None and truth.headings):
-        return log, None  # a simulated truth has no lag and no lever arm
+        return log, None, None  # a simulated truth has no lag and no lever arm
     without_fixes = _Task(replace(log, fixes=None), robot, settings)
-    reckoned = _first_successful(variants, without_fixes.only_run)
-    alignment = align_truth(truth, reckoned.trajectory, imu=log.imu)
+    reckoned = _first_successful(variants, without_fixes.only_run).trajectory
+    alignment = align_truth(truth, reckoned, imu=log.imu)
     headings = alignment.headings
     if not truth.headings and headings is None:
         note = (
             "the truth has no headings, and the robot moves too little to find them from its path: the "
             "truth is not used"
         )
-        return replace(log, truth=None, notes=(*log.notes, note)), None
+        return replace(log, truth=None, notes=(*log.notes, note)), None, None
     notes = (*log.notes, *alignment.notes)
+    if late := lateness(log, alignment.truth):
+        notes += (
+            f"the truth begins {late:.1f} s after the log: dead reckoning leads back from its first pose "
+            "to the start",
+        )
     if truth.source == OF_FIXES:
         scatter = "" if headings is None else f" (they scatter by {headings.noise:.2f} m)"
         notes += (
@@ -197,16 +210,19 @@ def _aligned(
             "the error at the end is that of one cut: other parts, as --fixes 0:20% and --fixes 0:60%, "
             "show how much it varies",
         )
-    return replace(log, truth=alignment.truth, notes=notes), alignment
+    return replace(log, truth=alignment.truth, notes=notes), alignment, reckoned
 
 
-def _from_own_start(unaided: Run, log: Log, common: TruthAlignment, start: Place) -> Run:
+def _from_own_start(unaided: Run, log: Log, common: TruthAlignment) -> Run:
     """Move a run without fixes to the truth's first position by its own lever arm."""
     if log.truth is None or log.truth.source == OF_FIXES:
         return unaided
     own = own_alignment(common, unaided.trajectory)
     # Positions alone: the yaw does not depend on the lever arm.
-    shift = np.subtract(_pose_at(own.truth, log.start), start) * (1.0, 1.0, 0.0)
+    at_start = [
+        interpolate_poses(one.poses, np.array([log.start])) for one in (own.truth, log.truth)
+    ]
+    shift = (at_start[0] - at_start[1])[0] * (1.0, 1.0, 0.0)
     states = unaided.states.copy()
     states[:, s.POSE] += shift
     path = unaided.trajectory
@@ -226,12 +242,6 @@ def _first_successful(variants: Sequence[str], attempt: Callable[[str], Result])
         except LostFilter as lost:
             failed.append(lost)
     raise _all_failed(failed)
-
-
-def _pose_at(truth: Truth, stamp: int) -> Place:
-    """Pose (x, y, yaw) of a truth at a stamp [m, m, rad]."""
-    x, y, yaw = interpolate_poses(truth.poses, np.array([stamp]))[0].tolist()
-    return x, y, yaw
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Initial pose of a run from fixes, for a log without a truth."""
+"""Initial pose of a run from the truth, or from fixes for a log without a truth."""
 
 import math
 from dataclasses import replace
@@ -7,10 +7,12 @@ import numpy as np
 from msgspec.structs import replace as replace_setting
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.frames import rotate, wrap_angle
+from icreckon.estimator.base.frames import compose, relative, rotate, wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.log.series import Truth
+from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import FixWander, Settings, wander_of
 from icreckon.estimator.streaming.run import run
@@ -20,7 +22,33 @@ BEGINNING = 20.0  # least track distance over which fixes and dead reckoning are
 SIGMAS = 20.0  # least length of that distance in standard deviations of a fix [-]
 TURN_SIGMA = 0.5  # standard deviation of the yaw rate before the first heading [rad/s]
 
+LATE_TRUTH = 1.0  # time after the start of a log from which on its truth begins late [s]
+
 EXACT_ORIGIN = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def lateness(log: Log, truth: Truth) -> float:
+    """Time from the start of a log to its truth [s]; 0 below `LATE_TRUTH`."""
+    late = float(truth.poses.stamps[0] - log.start) * NANOSECOND
+    return late if late > LATE_TRUTH else 0.0
+
+
+def start_from_truth(log: Log, truth: Truth, reckoned: Trajectory | None) -> Start:
+    """Find the pose of the truth at the start of a log; exact, but for the path before a late truth.
+
+    Dead reckoning leads back from the first pose of a truth that begins late.
+    """
+    if reckoned is None or not lateness(log, truth):
+        pose = interpolate_poses(truth.poses, np.array([log.start]))[0]
+        return Start((pose.item(0), pose.item(1), pose.item(2)), (0.0, 0.0, 0.0))
+    first_stamp, first_pose = truth.poses.stamps[:1], truth.poses.poses[0]
+    at_first = interpolate_poses(reckoned.pose_series, first_stamp)[0]
+    back = relative(at_first, reckoned.poses[0])
+    x, y, yaw = compose(first_pose, back).tolist()
+    row = min(int(np.searchsorted(reckoned.stamps, first_stamp[0])), len(reckoned.stamps) - 1)
+    variance_x, variance_y, variance_yaw = reckoned.pose_covariances[row].diagonal().tolist()
+    position_sigma = math.sqrt(variance_x + variance_y)
+    return Start((x, y, yaw), (position_sigma, position_sigma, math.sqrt(variance_yaw)))
 
 
 def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | None) -> Start:

@@ -72,7 +72,7 @@ class TruthAlignment:
             )
         if self.no_lag:
             notes.append(
-                f"the lag of the truth was not notes: {self.no_lag}; it is used as stamped, and drift "
+                f"the lag of the truth was not found: {self.no_lag}; it is used as stamped, and drift "
                 "includes the way driven in the lag. If you know it, set latency in [log.truth]"
             )
         return tuple(notes)

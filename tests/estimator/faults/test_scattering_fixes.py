@@ -27,9 +27,10 @@ STATED = 0.05
 ONLINE = ["constant-online", "inertia-online"]
 
 
-def after_fixes(errors, *, path=None, admitted=True) -> ScatterRecord:
+def after_fixes(errors, *, path=None, admitted=True, stated=STATED) -> ScatterRecord:
     """Scatter of fixes at 1 Hz with errors (n, 2) on a path (n,) of a filter that they do not correct."""
     n = len(errors)
+    sigmas = np.broadcast_to(stated, n)
     path = np.arange(n) * 1.0 + 0j if path is None else path
     yaws = np.angle(np.gradient(path)) if n > 1 else np.zeros(n)
     scatter = ScatterRecord()
@@ -38,7 +39,8 @@ def after_fixes(errors, *, path=None, admitted=True) -> ScatterRecord:
         at = place.real, place.imag, float(yaw)
         x, y = place.real + error[0], place.imag + error[1]
         # The filter is not corrected with it.
-        taken = TakenFix(k * SECOND, x, y, STATED**2, (0.0, 0.0), (1.0, 0.0, 1.0), at, at, used)
+        variance = sigmas[k] ** 2
+        taken = TakenFix(k * SECOND, x, y, variance, (0.0, 0.0), (1.0, 0.0, 1.0), at, at, used)
         add_fix(scatter, taken, np.zeros(3))
     return scatter
 
@@ -61,7 +63,14 @@ def test_fixes_that_scatter_as_they_say_are_used_as_they_are(path, seed):
 
 
 @PATHS
-def test_white_scatter_is_used_with_its_size(path):
+@pytest.mark.parametrize("sigmas", [(1.2, 0.03), (0.3, 0.015), (0.03, 1.2)], ids=str)
+def test_a_receiver_that_becomes_better_or_worse_as_it_says_does_not_scatter(path, sigmas):
+    """RTK begins: older fixes are judged by the variances that they state themselves."""
+    stated = np.repeat(sigmas, 30)
+    for seed in range(5):
+        scatter = after_fixes(noise(1.0, 60, seed) * stated[:, None], path=path, stated=stated)
+        assert scatter.used == 0
+
     """After two minutes: with fewer fixes white errors and those that walk are not told apart."""
     path = np.concatenate([path, path + path[-1] - path[0]])
     found = [after_fixes(noise(0.5, 120, seed), path=path) for seed in range(8)]
