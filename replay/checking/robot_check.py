@@ -94,8 +94,15 @@ def is_of_another(checks: Sequence[Check]) -> bool:
 def topics_left_out(guessed: TopicMap, robot: Robot) -> list[str]:
     """Report streams of a bag, by its guessed topics, that a robot file leaves out."""
     mapping = topic_map(robot)
+    used = {
+        stream.topic
+        for stream in (mapping.tracks, mapping.imu, mapping.fixes, mapping.truth)
+        if stream
+    }
     return [
-        left_out(description, getattr(guessed, stream).topic, stream)
+        left_out(description, found.topic, stream)
         for stream, description in STREAMS.items()
-        if getattr(guessed, stream) is not None and getattr(mapping, stream) is None
+        if (found := getattr(guessed, stream)) is not None
+        and getattr(mapping, stream) is None
+        and found.topic not in used
     ]

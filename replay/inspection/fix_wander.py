@@ -86,10 +86,13 @@ class _Fit(NamedTuple):
     variance: float  # variance of the wander along each axis [m²], of the white noise without one
 
 
-def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | str:
+def estimate_wander(
+    log: Log, vertical: Floats | None, *, states_sigma: bool = True
+) -> FixWanderEstimate | str:
     """Estimate white noise and wander of a log's fixes, or the reason why that fails.
 
-    `vertical` (n,) is the rate of the IMU about the vertical [rad/s]; track speeds may have any unit.
+    `vertical` (n,) is the rate of the IMU about the vertical [rad/s]; track speeds may have any unit. The
+    variances of fixes count only if these state them.
     """
     if log.fixes is None or not len(log.fixes.stamps):
         return "there are no fixes"
@@ -112,7 +115,7 @@ def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | st
     sigma = float(np.sqrt(best_fit.variance))
     white = ratio * sigma
     stated = float(np.sqrt(np.median(log.fixes.variances[:, 0])))
-    is_stated = STATED * white < stated and sigma < STATED_AT_MOST * stated
+    is_stated = states_sigma and STATED * white < stated and sigma < STATED_AT_MOST * stated
     driven = _distance_driven(windows, max(time, SLOWEST_SLIP))
     exceeds_odometry = sigma >= ODOMETRY_ERROR * driven
     reason = ""

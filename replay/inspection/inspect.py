@@ -196,6 +196,9 @@ def _estimates(
     # Counts have no scale yet, by which wheels could be estimated.
     wheel_rate = None if mapping.lacks_counts_per_turn else vertical
     correlation = mounting.turning_correlation if mounting else None
+    wander = None
+    if log.fixes is not None:
+        wander = estimate_wander(log, vertical, states_sigma=estimates.states_fix_sigma)
     return with_changed(
         estimates,
         mounting=mounting,
@@ -203,7 +206,7 @@ def _estimates(
         wheels=wheels.wheel_estimates(aligned, wheel_rate, correlation),
         latencies=latencies,
         bias=None if vertical is None else gyro_bias(aligned, vertical),
-        wander=estimate_wander(log, vertical) if log.fixes is not None else None,
+        wander=wander,
     )
 
 

@@ -12,6 +12,7 @@ from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_toml import toml_value
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate
+from icreckon.replay.inspection.guess_topics import PLACEHOLDER_SIGMA
 from icreckon.replay.inspection.gyro_bias import GyroBias
 from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
 from icreckon.replay.inspection.latency import objection
@@ -21,6 +22,7 @@ from icreckon.replay.mapping.topics import HeadingTopic, TopicMap, TrackTopic
 from icreckon.replay.reading.clocks import Choice
 
 FIRST_WORDS = "# Proposed by inspecting"
+ROUGH_RADIUS = 0.1  # relative standard error from which on a radius is not proposed [-]
 USUAL_SCALE_SIGMA, LEAST_SCALE_SIGMA = 0.02, 0.01
 """Standard deviation of an effective radius of which a log shows nothing, and the least that one log
 shows, since the ground changes it [-]."""
@@ -68,6 +70,13 @@ class LogEstimates:
     wander: FixWanderEstimate | str | None = None  # error of the fixes, or why it is not known
 
     @property
+    def states_fix_sigma(self) -> bool:
+        """True if the fixes state their variances."""
+        columns = self.mapping.columns
+        fixes = self.mapping.fixes or (columns.fixes if columns else None)
+        return fixes is not None and fixes.position_sigma is None
+
+    @property
     def from_twist(self) -> bool:
         """True for track speeds from a twist, which are read with a gauge of 1 m."""
         return self.mapping.tracks is not None and not self.mapping.tracks.left
@@ -88,7 +97,7 @@ class LogEstimates:
 def robot_file_text(path: Path, estimates: LogEstimates) -> str:
     """Format a robot file for `load_robot` and `topic_map`, named after the bag."""
     latency = _latency_lines(estimates.latencies.get("tracks"))
-    wander = _wander_lines(estimates.wander)
+    wander = _wander_lines(estimates.wander, estimates.states_fix_sigma)
     columns = estimates.mapping.columns
     lines = [
         f"{FIRST_WORDS} {toml_value(path.name)[1:-1]}: check every line.",
@@ -142,8 +151,10 @@ def _radius_line(estimates: LogEstimates) -> str:
     if radius is None:
         return f"sprocket_radius = nan    {FILL_IN} (m, effective)"
     error = "" if sigma is None else f" ± {sigma:.2g}"
-    remark = f"m{error}, effective, by the {wheels.distance_source} where it hardly turned"
-    return f"sprocket_radius = {radius:.4g}    # {remark}"
+    by_source = f"by the {wheels.distance_source} where it hardly turned"
+    if sigma is not None and sigma > ROUGH_RADIUS * radius:
+        return f"sprocket_radius = nan    {FILL_IN} (m, effective; {radius:.2g}{error} {by_source})"
+    return f"sprocket_radius = {radius:.4g}    # m{error}, effective, {by_source}"
 
 
 def _index_lines(estimates: LogEstimates) -> list[str]:
@@ -254,10 +265,11 @@ def _tracks_lines(estimates: LogEstimates) -> list[str]:
         if not in_rates:
             # Speeds are not corrected, so that their whole error counts.
             measured, subject = float(np.hypot(ratio - 1.0, ratio_sigma)), "the speeds"
-        if measured < sigma:
+        if measured < (ROUGH_RADIUS if in_rates else sigma):
             sigma = max(measured, LEAST_SCALE_SIGMA)
             remark = f"of {subject}, by the {wheels.distance_source}"
-            remark += f"; {USUAL_SCALE_SIGMA:g} for another" if in_rates else ""
+            if in_rates and measured < USUAL_SCALE_SIGMA:
+                remark += f"; {USUAL_SCALE_SIGMA:g} for another"
     return [
         "[tracks]",
         f"scale_sigma = {sigma:.2g}    # relative, {remark}",
@@ -346,10 +358,15 @@ def _track_keys(tracks: TrackTopic) -> list[str]:
     return keys
 
 
-def _wander_lines(wander: FixWanderEstimate | str | None) -> list[str]:
+def _wander_lines(wander: FixWanderEstimate | str | None, states_sigma: bool) -> list[str]:
     """Keys of the error of the fixes: its white part, and that which wanders."""
-    if not isinstance(wander, FixWanderEstimate) or wander.reason:
+    if not isinstance(wander, FixWanderEstimate):
         return []
+    if wander.reason:
+        # A part that seems slow is odometry's: little is known of a smaller white one.
+        if states_sigma or (wander.sigma and wander.white < PLACEHOLDER_SIGMA):
+            return []
+        return [f"position_sigma = {wander.white:.2g}    # m, white noise, against odometry"]
     shortest, longest = wander.times
     white = f"position_sigma = {wander.white:.2g}    # m, what is new in each fix, against odometry"
     return [

@@ -22,6 +22,7 @@ TOO_MUCH_TURNING = 2.5  # factor by which slip hardly makes odometry overestimat
 STRAIGHT = 1.0  # largest turning within a window at which its path is assumed an arc [rad]
 WINDOWS = {"truth": 2.0, "fixes": 10.0}  # time over which distances are compared [s], by source
 FEWEST_WINDOWS = 5
+MEDIAN_ERROR = 1.25  # standard error of a median of normal errors over that of their mean [-]
 FEWEST_SAMPLES = 100  # samples from which on a standard error of the effective track is estimated
 COURSE_LENGTH, COURSE_TIME, CLEAR_COURSE = 0.5, 5.0, 0.8
 """Course over ground: least distance [m], longest time [s]; least mean vector of its offsets [-]."""
@@ -60,13 +61,17 @@ def wheel_estimates(
     if (correlation or 0.0) > imu_mounting.CLEAR_TURNING:
         difference = np.interp(log.imu.stamps, log.tracks.stamps, log.tracks.difference)
         track_ratio, track_sigma = _turning_ratio(vertical, difference)
+    noise = 0.0
     if log.truth is not None:
         source, stamps, positions = "truth", log.truth.poses.stamps, log.truth.poses.poses[:, :2]
     elif log.fixes is not None:
         source, stamps, positions = "fixes", log.fixes.stamps, log.fixes.poses[:, :2]
+        noise = float(np.sqrt(np.median(log.fixes.variances[:, 0]))) if len(stamps) else 0.0
     else:
         return WheelEstimates(None, "", track_ratio, track_sigma=track_sigma)
-    ratio, sigma = _distance_ratio(log, vertical, stamps, positions, WINDOWS[source], straight)
+    ratio, sigma = _distance_ratio(
+        log, vertical, stamps, positions, noise, WINDOWS[source], straight
+    )
     return WheelEstimates(ratio, source, track_ratio, sigma, track_sigma)
 
 
@@ -93,11 +98,18 @@ def jackknifed(estimate: Callable[[NDArray[np.int_]], float], count: int) -> tup
 
 
 def _distance_ratio(
-    log: Log, vertical: Floats, stamps: Stamps, positions: Floats, window: float, straight: float
+    log: Log,
+    vertical: Floats,
+    stamps: Stamps,
+    positions: Floats,
+    noise: float,
+    window: float,
+    straight: float,
 ) -> tuple[float | None, float | None]:
     """Distance over ground over that of the tracks, and its standard error."""
     # It is None if unknown, otherwise the median over windows [s] that turn by less than `straight` [rad]
-    # and in which the robot clearly drives. Distances between positions (n, 2) are chords, not arcs.
+    # and in which the robot clearly drives. Distances between positions (n, 2) are chords, not arcs;
+    # `noise` is the standard deviation of each coordinate [m].
     assert log.imu is not None  # noqa: S101 - checked by the caller
     start, end = max(stamps[0], log.start), min(stamps[-1], log.end)
     edges = even_grid(start, end, round(window / NANOSECOND), stamps)
@@ -119,9 +131,15 @@ def _distance_ratio(
     if counts.sum() < FEWEST_WINDOWS:
         return None, None
     ratios = chords[counts] / track_chords[counts]
+    relative_noise = noise / float(np.median(chords[counts]))
+    # Noise across the path makes chords longer: the median is off by the square.
+    longer = relative_noise**2
+    by_noise = MEDIAN_ERROR * np.sqrt(2.0 / len(ratios)) * relative_noise
     if len(ratios) < 2 * BLOCKS:
-        return float(np.median(ratios)), None
-    return jackknifed(lambda rows: float(np.median(ratios[rows])), len(ratios))
+        value = float(np.median(ratios))
+        return value, value * float(np.hypot(by_noise, longer)) or None
+    value, sigma = jackknifed(lambda rows: float(np.median(ratios[rows])), len(ratios))
+    return value, float(np.hypot(max(sigma, value * by_noise), value * longer))
 
 
 def standstills(log: Log) -> list[tuple[float, float]]:

@@ -202,9 +202,13 @@ class Stream:
         rows = np.array(gathered.values, dtype=float)
         order = np.argsort(recorded, kind="stable")
         if self.from_table and (back := int((np.diff(recorded) < 0).sum())):
-            self.notes.append(
-                f"times of {self.purpose} go back ({back} x): rows are sorted by them"
-            )
+            row = int(np.diff(recorded).argmin())
+            seconds = int(recorded[row] - recorded[row + 1]) * NANOSECOND
+            note = f"times of {self.purpose} go back ({back} x): rows are sorted by them"
+            if seconds > LATE:
+                restart = f"set them back by {seconds:.1f} s after row {row + 1}"
+                note += f"; if a restart {restart}, cut the file there"
+            self.notes.append(note)
         stamps = stamped if clock == "header" else recorded
         if clock == "header":
             missing = "messages have no header" if self._headless else ""

@@ -325,6 +325,9 @@ def test_streams_that_the_file_leaves_out():
     assert len(hints) == 2
     assert '"/fix" in [log.fixes]' in hints[1]
     assert robot_check.topics_left_out(TopicMap(tracks), MAPPED) == []
+    # Poses that the file uses as its truth.
+    as_truth = with_values(MAPPED, log=MAPPED.log | {"truth": {"topic": "/fix"}})
+    assert not any("/fix" in hint for hint in robot_check.topics_left_out(guessed, as_truth))
 
 
 def test_costs_are_those_of_each_error_alone(log: Log):

@@ -131,3 +131,17 @@ def test_part_takes_seconds_and_between_stamps(log: icreckon.Log):
     assert len(log.between(part.start, part.end).imu.stamps) == len(part.imu.stamps)
     with pytest.raises(EstimatorError, match=r"part\(0.0, 10.0\) takes seconds"):
         log.between(0, 10)
+
+
+def test_a_run_begins_where_dead_reckoning_leads_back_from_a_late_truth(robot: Robot) -> None:
+    log = simulate(Scenario(duration=60.0, seed=1, trajectory="circle", fix_rate=0.0), robot)
+    poses = log.truth.poses
+    later = poses.rows(poses.stamps >= log.start + 20 * 10**9)
+    late = replace(log, truth=icreckon.Truth(later, source="mocap"))
+    found = compare(late, robot, "inertia-online")
+    path = found.runs["inertia-online"].trajectory
+    assert path.poses[0, :2] == pytest.approx(poses.poses[0, :2], abs=0.2)
+    assert path.poses[-1, :2] == pytest.approx(poses.poses[-1, :2], abs=0.2)
+    # Nothing but the path of 20 s is uncertain.
+    assert 0.001 < np.sqrt(path.pose_covariances[0, 0, 0]) < 0.5
+    assert any("the truth begins 20.0 s after the log" in note for note in found.log.notes)

@@ -66,6 +66,27 @@ def test_effective_radius_and_track() -> None:
     assert estimates.distance_ratio is None
 
 
+@pytest.mark.parametrize("seconds", [100, 400])
+@pytest.mark.parametrize("sigma", [0.02, 1.0, 3.0])
+def test_noise_of_fixes_is_in_the_error_of_the_radius(seconds: int, sigma: float) -> None:
+    """Straight on at 1 m/s; noise across the path makes the distances longer."""
+    stamps = np.arange(50 * seconds) * 20_000_000 + 10**9
+    speeds = np.ones((len(stamps), 2)) / RADIUS
+    still = np.zeros((len(stamps), 3))
+    log = Log("straight", TrackSpeedSeries(stamps, speeds), ImuSeries(stamps, still, still))
+    ratios, sigmas = [], []
+    for seed in range(20):
+        poses = np.full((seconds, 3), np.nan)
+        noise = np.random.default_rng(seed).normal(0.0, sigma, (seconds, 2))
+        poses[:, :2] = np.column_stack([np.arange(seconds), np.zeros(seconds)]) + noise
+        fixes = FixSeries(stamps[::50], poses, np.full((seconds, 2), sigma**2))
+        found = wheels.wheel_estimates(replace(log, fixes=fixes), still[:, 2], None)
+        ratios.append(found.distance_ratio)
+        sigmas.append(found.distance_sigma)
+    errors = (np.array(ratios) / RADIUS - 1.0) / (np.array(sigmas) / RADIUS)
+    assert 0.3 < np.sqrt((errors**2).mean()) < 1.5
+
+
 def scaled(log: Log, *, gyro: float = 1.0, force: float = 1.0, tracks: float = 1.0) -> Log:
     rates, forces = log.imu.angular_velocity * gyro, log.imu.linear_acceleration * force
     speeds = TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds * tracks)

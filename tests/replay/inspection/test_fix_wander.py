@@ -1,12 +1,15 @@
 """Wander of the fixes as `inspect` finds it: against odometry, or not at all."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from icreckon import FixSpec, Log, Robot, Scenario, inspect, load_robot, simulate, write_log
+from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
 
@@ -37,6 +40,23 @@ def test_white_noise_and_the_errors_of_odometry_are_no_wander(sigma: float) -> N
     found = found_in(driven(FixSpec(sigma=sigma), 1))
     assert found.reason
     assert "no wander is proposed" in found.text
+
+
+def test_what_fixes_do_not_state_is_neither_evidence_nor_kept(tmp_path: Path) -> None:
+    log = driven(FixSpec(sigma=0.01))
+    vertical = SensorModels(ALPHA).yaw_rates(log.imu.angular_velocity)
+    stating = replace(
+        log, fixes=replace(log.fixes, variances=np.full_like(log.fixes.variances, 0.04))
+    )
+    assert not estimate_wander(stating, vertical).reason
+    assert estimate_wander(stating, vertical, states_sigma=False).reason
+    # Poses without covariances, of which all noise is white.
+    log = driven(FixSpec(sigma=0.2))
+    mocap = PoseSeries(log.fixes.stamps, np.nan_to_num(log.fixes.poses))
+    robot = msgspec.structs.replace(ALPHA, log=ALPHA.log | {"truth": {"topic": "/mocap/pose"}})
+    bag = write_log(replace(log, truth=Truth(mocap), fixes=None), tmp_path / "bag", "mcap", robot)
+    (line,) = re.findall("^position_sigma = .*", inspect(bag).proposed_robot_file, re.MULTILINE)
+    assert float(line.split()[2]) == pytest.approx(0.2, rel=0.15)
 
 
 def test_any_units_frame_bias_and_outliers_change_little() -> None:

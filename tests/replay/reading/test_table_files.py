@@ -61,9 +61,11 @@ def test_a_wrong_unit_of_time_is_named(tmp_path: Path, step: float, unit: str) -
 
 
 def test_rows_that_go_back_in_time_are_noted(tmp_path: Path) -> None:
-    log = read(write(tmp_path / "run.csv", f"{RUN}0.2,0.1,0.2\n"), tracks=SPEEDS)
+    log = read(write(tmp_path / "run.csv", f"{RUN}1.2,0.1,0.2\n"), tracks=SPEEDS)
     assert log.notes == ("times of tracks go back (1 x): rows are sorted by them",)
-    assert log.tracks.stamps[0] == 200_000_000
+    assert log.tracks.stamps[0] == 1_200_000_000
+    log = read(write(tmp_path / "two.csv", f"{RUN}0.2,0.1,0.2\n"), tracks=SPEEDS)
+    assert "if a restart set them back by 1.4 s after row 2, cut the file there" in log.notes[0]
 
 
 def test_stamps_of_too_few_digits_are_named(tmp_path: Path) -> None:
