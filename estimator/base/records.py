@@ -159,9 +159,8 @@ _types = cache(get_type_hints)
 
 def _names(record: Any) -> tuple[str, ...]:
     """Field names of a record, named tuple, or their type; () for other values."""
-    return cast(
-        tuple[str, ...], getattr(record, "__struct_fields__", getattr(record, "_fields", ()))
-    )
+    of_named_tuple = getattr(record, "_fields", ())
+    return cast(tuple[str, ...], getattr(record, "__struct_fields__", of_named_tuple))
 
 
 def _memory_of(record: Any) -> Any:

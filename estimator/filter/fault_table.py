@@ -128,14 +128,17 @@ def _find_spinning(record: Any) -> Iterator[Found]:
 def _find_wheel_off(record: Any) -> Iterator[Found]:
     tracks = record.tracks
     for side, wheels in (("left", tracks.left_wheels), ("right", tracks.right_wheels)):
-        if are_found(wheels) and wheels.odd == NO_WHEEL:
-            part, size = f"{side} wheels", 2.0 * wheels.apart
-            text = f"the {part} are {size:.2f} m/s apart, which is right is not clear"
-            yield Found("tracks", text, part, wheels.since, size)
-        elif are_found(wheels):
+        if not are_found(wheels):
+            continue
+        if wheels.odd == NO_WHEEL:
+            part = f"{side} wheels"
+            apart = 2.0 * wheels.apart  # both possible speeds: each is `apart` from their mean
+            text = f"the {part} are {apart:.2f} m/s apart, which is right is not clear"
+        else:
             part = f"{side} wheel {wheels.odd + 1}"
-            text = f"the {part} is {wheels.apart:.2f} m/s off"
-            yield Found("tracks", text, part, wheels.since, wheels.apart)
+            apart = wheels.apart
+            text = f"the {part} is {apart:.2f} m/s off"
+        yield Found("tracks", text, part, wheels.since, apart)
 
 
 def _find_sliding(record: Any) -> Iterator[Found]:

@@ -151,8 +151,10 @@ class Log:
     def between(self, start: int, end: int) -> Log:
         """Part of the log between two stamps, both included [ns], with counts and notes.
 
+        The part is empty if `start` is after `end`.
+
         Raises:
-            EstimatorError: it holds neither track speeds nor IMU samples there.
+            EstimatorError: the log holds neither track speeds nor IMU samples there.
         """
         if start <= end and (end < self.start or start > self.end):
             raise EstimatorError(

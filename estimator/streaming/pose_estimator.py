@@ -332,8 +332,8 @@ class PoseEstimator:
     def feed_samples(self, samples: SampleArrays, rows: RunRows) -> tuple[int, int, int]:
         """Update with plausible samples, newer than all measurements so far.
 
-        It ends before a sample that needs more than a step; the history begins there. Returns the number
-        of track speeds and of IMU samples that were fed, and that of used ones.
+        Updates end before the first sample that needs more than a step. Returns the numbers of track
+        speeds, of IMU samples, and of used measurements among them; the history begins after them.
         """
         tracks, imu, used = self._reckoning.take_samples(samples, rows)
         if tracks or imu:

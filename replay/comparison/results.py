@@ -187,14 +187,14 @@ def _findings(comparison: Comparison) -> list[str]:
 
 def _scatter_note(healths: list[Health]) -> list[str]:
     """Note on fixes that scatter more than stated, by the filter with most of them."""
-    count = max((health.times.get("scattering", 0) for health in healths), default=0)
-    if not count:
+    most = max((health.times.get("scattering", 0) for health in healths), default=0)
+    if not most:
         return []
-    lasting = (finding for health in healths for finding in health.findings)
-    sigmas = sorted(finding.size or 0.0 for finding in lasting if finding.fault == "scattering")
+    final = (finding for health in healths for finding in health.findings)
+    sigmas = sorted(finding.size or 0.0 for finding in final if finding.fault == "scattering")
     median = f", at the end {sigmas[len(sigmas) // 2]:.2g} m" if sigmas else ""
     return [
-        f"position fixes scatter more than stated: {count} were used with a larger sigma{median}; set "
+        f"position fixes scatter more than stated: {most} were used with a larger sigma{median}; set "
         "least_sigma in [log.fixes], or wander_sigma and wander_time where inspect proposes them"
     ]
 

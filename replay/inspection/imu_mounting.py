@@ -28,9 +28,8 @@ CLEAR_SCORE = 0.4  # smallest sum of two correlations at which a yaw of the moun
 class Mounting:
     """Mounting and noise of an IMU, estimated from a log."""
 
-    rotation_rpy_deg: tuple[
-        float, float, float
-    ]  # roll, pitch to level it, yaw to the next 90 deg [deg]
+    # roll, pitch to level it, yaw to the next 90 deg [deg]
+    rotation_rpy_deg: tuple[float, float, float]
     up_shown_by: str  # evidence of the vertical: "gravity", "turning", or "" for none
     yaw_shown: bool  # whether the track speeds show that yaw; otherwise it is unknown, and set to 0
     specific_force: Floats | None  # (3,) mean in the IMU's axes [m/s²], None without accelerometers

@@ -118,12 +118,11 @@ class _Assembly:
         )
 
     def _spec(self, stream: Stream) -> Any:
-        """Entry of the mapping for a stream: its columns, or its topic."""
+        """Entry of the mapping for a stream: columns of a table, or a topic of a bag."""
         mapping = self.gathered.mapping
-        table = mapping.columns if stream.from_table else None
-        # The true track speeds come by the joints of the measured ones.
-        purpose = stream.purpose.removeprefix("truth ")
-        return getattr(mapping if table is None else table, purpose)
+        entries = mapping.columns if stream.from_table else mapping
+        # True track speeds have the joints, and so the entry, of the measured ones.
+        return getattr(entries, stream.purpose.removeprefix("truth "))
 
     def _arrays(self, stream: Stream, width: int) -> tuple[Stamps, Floats]:
         stamps, rows = self._ordered(stream)
@@ -238,6 +237,7 @@ class _Assembly:
         )
 
     def _imu(self, stream: Stream) -> series.ImuSeries | None:
+        """IMU samples, without specific forces if no row has any; None if none is usable."""
         stamps, rows = self._arrays(stream, 6)
         rates, forces = rows[:, :3], rows[:, 3:]
         has_forces = bool(len(forces)) and not np.isnan(forces).all()

@@ -42,9 +42,8 @@ class Ground(NamedTuple):
     half_gauge: float  # L / 2 [m]
     # half width, rear and front end of the rectangle around all points [m]
     outline: tuple[float, float, float]
-    friction: (
-        Floats  # (2, 2) coefficients across and along the track, of the left and the right one [-]
-    )
+    # (2, 2) coefficients across and along the track, of the left and the right track [-]
+    friction: Floats
     rolling_resistance: Floats  # (2,) coefficients of the left and the right track [-]
     shear_modulus: float  # K [m], 0 for full friction at any slip
     small: float  # regularising speed [m/s]

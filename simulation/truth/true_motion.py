@@ -173,13 +173,14 @@ def true_motion(
 def slip_residual(
     speeds: Floats, slip: Slip, effective_gauge: float, step: float, rng: Generator
 ) -> Floats:
-    """Slip residual of the twist (m, 3): Gauss-Markov processes of the size in `slip`.
+    """Slip residual (m, 3) of v_x, v_y, w [m/s, m/s, rad/s]: Gauss-Markov processes.
 
-    Track speeds (m, 2) [m/s] have an even step [s]; the effective gauge is L eta0 [m].
+    `slip` has their standard deviations by the track speeds (m, 2) [m/s], and their correlation time. The
+    speeds have an even step [s]; the effective gauge is L eta0 [m].
     """
-    unit = gauss_markov(len(speeds), step, slip.time_constant, rng)
+    of_unit_variance = gauss_markov(len(speeds), step, slip.time_constant, rng)
     sigmas = slip_components(speeds[:, 0], speeds[:, 1], slip, effective_gauge)
-    return np.stack(sigmas, axis=-1) * unit
+    return np.stack(sigmas, axis=-1) * of_unit_variance
 
 
 def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) -> Floats:
