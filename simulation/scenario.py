@@ -176,9 +176,8 @@ def load_scenario(path: str | Path) -> Scenario:
     refuse_idle_keys([scenario.terrain], written.get("terrain", {}), str(path))
     if scenario.trajectory_file is None:
         return scenario
-    return msgspec.structs.replace(
-        scenario, trajectory_file=str(path.parent / scenario.trajectory_file)
-    )
+    file = str(path.parent / scenario.trajectory_file)
+    return msgspec.structs.replace(scenario, trajectory_file=file)
 
 
 def change_scenario(scenario: Scenario, changes: dict[str, Any], source: str) -> Scenario:

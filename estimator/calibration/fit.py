@@ -99,7 +99,8 @@ class Fit:
 
     def without(self, blocks: Flags) -> Floats:
         """Estimates (p,) without the blocks of a mask (blocks,), by one Gauss-Newton step."""
-        free, threshold = np.flatnonzero(self.free), _thresholds(self.problem)
+        free = np.flatnonzero(self.free)
+        threshold = _thresholds(self.problem)
         scaled = _scaled(self.fisher[~blocks].sum(axis=0), free, threshold)
         slope = threshold[free] * self.score[~blocks].sum(axis=0)[free]
         moved = self.values.copy()
@@ -270,9 +271,10 @@ def _scaled(fisher: Floats, places: NDArray[np.intp], threshold: Floats) -> Floa
 
 def _sigmas(fisher: Floats, free: Flags, threshold: Floats) -> Floats:
     """Standard errors (p,) by the likelihood; infinite if held, huge if unobservable."""
-    result, places = np.full(len(threshold), np.inf), np.flatnonzero(free)
+    places = np.flatnonzero(free)
     values, vectors = np.linalg.eigh(_scaled(fisher, places, threshold))
     variances = (vectors**2 / np.maximum(values, LEAST_INFORMATION)).sum(axis=1)
+    result = np.full(len(threshold), np.inf)
     result[places] = threshold[places] * np.sqrt(variances)
     return result
 

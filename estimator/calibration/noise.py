@@ -216,17 +216,15 @@ def _most_likely(channel: Channel, start: Floats, residuals: Floats) -> Floats:
     floor = np.zeros_like(channel.bands[0])
     floor[0] = SMALLEST**2
 
-    def negative_log_likelihood(logs: Floats) -> float:
+    def neg_log_likelihood(logs: Floats) -> float:
         solved, factor = _solve_banded(channel.covariance(np.exp(logs)) + floor, residuals)
         return float(0.5 * residuals @ solved + np.log(factor[0]).sum())
 
     logs = np.log(np.clip(start, SMALLEST, LARGEST))
     bounds = [(np.log(SMALLEST), np.log(LARGEST))] * len(logs)
     options = {"maxiter": 300, "xatol": TOLERANCE, "fatol": TOLERANCE}
-    best = minimize(
-        negative_log_likelihood, logs, method="Nelder-Mead", bounds=bounds, options=options
-    )
-    return np.exp(best.x if best.fun < negative_log_likelihood(logs) else logs)
+    best = minimize(neg_log_likelihood, logs, method="Nelder-Mead", bounds=bounds, options=options)
+    return np.exp(best.x if best.fun < neg_log_likelihood(logs) else logs)
 
 
 def _linked(follows: Flags, segments: Indexes) -> Flags:

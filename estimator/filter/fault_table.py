@@ -105,10 +105,11 @@ def _find_stuck(record: Any) -> Iterator[Found]:
 
 
 def _find_silent(record: Any) -> Iterator[Found]:
-    tracks, imu, hold, now = record.tracks, record.imu, record.settings.hold, record.stamp
-    if tracks.stamp != NEVER and (now - tracks.stamp) * NANOSECOND > hold:
+    tracks, imu = record.tracks, record.imu
+    hold = record.settings.hold
+    if tracks.stamp != NEVER and (record.stamp - tracks.stamp) * NANOSECOND > hold:
         yield Found("tracks", "no track speeds", since=tracks.stamp)
-    if imu.stamp != NEVER and not is_alive(imu, now, hold):
+    if imu.stamp != NEVER and not is_alive(imu, record.stamp, hold):
         effect = "the tracks turn the pose"
         yield Found("imu", f"no IMU samples: {effect}", since=imu.stamp, effect=effect)
 

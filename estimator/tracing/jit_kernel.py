@@ -82,9 +82,7 @@ def jit(function: Any, callers: tuple[Any, ...] = ()) -> Any:
         dispatcher: Any = inner_njit(_with_compiled_callees(function, callers))
         template = dispatcher.get_call_template
         # numba would compile a function again for each constant that it is called with.
-        dispatcher.get_call_template = lambda args, kws: template(
-            [*map(types.unliteral, args)], kws
-        )
+        dispatcher.get_call_template = lambda args, kw: template([*map(types.unliteral, args)], kw)
         COMPILED[function] = dispatcher
     return COMPILED[function]
 

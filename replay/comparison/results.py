@@ -67,8 +67,12 @@ def summarise(
     log = comparison.log
     scored, holes = scored_intervals(log), holes_of(log)
     filters = [name for name in comparison.runs if not name.endswith(SMOOTHED)]
-    reference, baseline = filters[-1], drift_table.baseline_of(filters)
-    variants, verdict, lever_arm, headline = {}, None, (0.0, 0.0), reference
+    baseline = drift_table.baseline_of(filters)
+    reference = filters[-1]
+    headline = reference
+    verdict = None
+    lever_arm = (0.0, 0.0)
+    variants = {}
     if log.truth is not None:
         truths = truths_of(comparison)
         drifts = comparison_drifts(comparison) if drifts is None else drifts

@@ -246,10 +246,8 @@ def wanted_streams(
 
     def pose_stream(purpose: str, mapped: FixTopic | TruthTopic) -> Stream:
         if mapped.frames is not None:
-            topic, time, frames = mapped.topic, mapped.time, mapped.frames
-            return TransformStream(
-                purpose, topic, source, time, definitions=definitions, frames=frames
-            )
+            tf_stream = partial(TransformStream, definitions=definitions, frames=mapped.frames)
+            return tf_stream(purpose, mapped.topic, source, mapped.time)
         if isinstance(mapped, FixTopic) and mapped.names:
             by_field = field_reader(mapped.names, partial(pose_rows, mapped))
             return stream(purpose, mapped.topic, mapped.time, {}, by_field)

@@ -202,9 +202,8 @@ class Stream:
         rows = np.array(gathered.values, dtype=float)
         order = np.argsort(recorded, kind="stable")
         if self.from_table and (back := int((np.diff(recorded) < 0).sum())):
-            self.notes.append(
-                f"times of {self.purpose} go back ({back} x): rows are sorted by them"
-            )
+            note = f"times of {self.purpose} go back ({back} x): rows are sorted by them"
+            self.notes.append(note)
         stamps = stamped if clock == "header" else recorded
         if clock == "header":
             missing = "messages have no header" if self._headless else ""

@@ -220,21 +220,20 @@ class _Assembly:
         for reason, count in lost.items():
             stream.lose(reason, count)
         if not len(stamps):
-            self.notes.append(
-                f"no usable difference for {stream.purpose} on topic {stream.topic!r}"
-            )
+            note = f"no usable difference for {stream.purpose} on topic {stream.topic!r}"
+            self.notes.append(note)
         return stamps, speeds
 
     def _joints_hint(self, stream: Stream) -> str:
-        reader, mapped = stream.readers.get(JOINT_STATE), self.gathered.mapping.tracks
+        """Text on the wanted and the found joints of a stream; "" for other types."""
+        reader = stream.readers.get(JOINT_STATE)
+        mapped = self.gathered.mapping.tracks
         if stream.msgtype != JOINT_STATE or mapped is None or not isinstance(reader, JointReader):
             return ""
-        wanted, found = ", ".join(mapped.names), ", ".join(sorted(reader.seen))
+        wanted = ", ".join(mapped.names)
+        found = ", ".join(sorted(reader.seen)) or "no joints"
         field_name = "positions" if mapped.unit in COUNTER_UNITS else "velocities"
-        return (
-            f"; wanted are the {field_name} of the joints {wanted}, found were "
-            f"{found or 'no joints'}"
-        )
+        return f"; wanted are the {field_name} of the joints {wanted}, found were {found}"
 
     def _imu(self, stream: Stream) -> series.ImuSeries | None:
         """IMU samples, without specific forces if no row has any; None if none is usable."""

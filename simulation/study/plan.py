@@ -193,10 +193,9 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     def filters(self) -> tuple[FilterSpec, ...]:
         """Filters in full."""
-        specs = (
+        return tuple(
             FilterSpec(variant=spec) if isinstance(spec, str) else spec for spec in self.variants
         )
-        return tuple(specs)
 
     @property
     def true_motions(self) -> int:
