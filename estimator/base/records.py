@@ -117,7 +117,7 @@ def assign(record: Any, source: Any) -> None:
 def shifted(record: Record, by: int) -> Record:
     """Copy a record for a clock that is ahead by some ns: all its `Stamp` are later.
 
-    It may have records and named tuples in it, and tuples and dicts of them.
+    A field may be a record, a named tuple, or a tuple or dict of these.
     """
     kind: Any = record.kind if isinstance(record, SharedRecord) else type(record)
     return cast(Record, _shift_stamps(plain_copy(kind, record), False, by))

@@ -6,8 +6,8 @@ is held at its start (the robot file); the others are then estimated on that con
 
 Standard errors are the largest of those of the likelihood and of a jackknife over blocks, linearised at
 the fit. The jackknife is valid for any correlation of residuals within a block (Efron and Stein, The
-jackknife estimate of variance, Annals of Statistics 9, 1981). They are inflated for few blocks, so that
-1.96 of them are a 95 % interval.
+jackknife estimate of variance, Annals of Statistics 9, 1981). Standard errors of few blocks are inflated,
+so that 1.96 of them are a 95 % interval.
 """
 
 from __future__ import annotations

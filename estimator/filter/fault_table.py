@@ -401,7 +401,7 @@ class FilterView(Protocol):
 class OwnFault(msgspec.Struct):
     """Fault of your own.
 
-    Its fields are its memory: finite numbers, texts, None, and lists of them, with defaults. They are
+    Its fields are its memory: finite numbers, texts, None, and lists of them, with defaults. Fields are
     copied for late measurements and saved. A stamp has the type `Stamp` of
     `icreckon.estimator.base.records` and the default None, so that it follows changes of the clock.
 

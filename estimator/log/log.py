@@ -290,6 +290,7 @@ def _track_speeds(tracks: TrackSpeedSeries, rows: Indexes) -> list[Measurement]:
 
 
 def _imu_samples(imu: ImuSeries, rows: Indexes) -> list[Measurement]:
+    """IMU samples of some rows of a series; a specific force of NaN becomes None."""
     rates = [tuple(row) for row in imu.angular_velocity[rows].tolist()]
     forces: list[Any] = [None] * len(rates)
     if imu.linear_acceleration is not None:

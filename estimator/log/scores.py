@@ -241,7 +241,7 @@ def even_grid(low: float, high: float, step: float, known: NDArray[Any]) -> NDAr
 def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
     """Errors (n, 3) of v_x, v_y [m/s] and w [rad/s] in the axes of base_link.
 
-    They are at the stamps of the truth's twists; without twists see `_mean_velocity_errors`.
+    Rows are at the stamps of the truth's twists; without twists see `_mean_velocity_errors`.
     """
     if truth.twists is None:
         return _mean_velocity_errors(estimate, truth.poses)

@@ -272,8 +272,8 @@ class PoseEstimator:
     def feed(self, measurement: Measurement) -> bool:
         """Update with one measurement.
 
-        The latency of its stream is taken off its stamp. It is rejected, and counted in `health`, if it
-        is invalid (not finite or too large, bad variance, duplicate stamp), later than
+        The latency of its stream is subtracted from its stamp. A measurement is rejected, and counted in
+        `health`, if it is invalid (not finite or too large, bad variance, duplicate stamp), later than
         `Settings.history`, or outside of its gate. The estimate then changes at most by propagation to
         its stamp.
 

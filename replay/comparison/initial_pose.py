@@ -26,7 +26,7 @@ EXACT_ORIGIN = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | None) -> Start:
     """Estimate the initial pose in the frame of the fixes.
 
-    It is exactly the origin without fixes, or if the first fixes agree with the origin, as fixes in
+    The pose is exactly the origin without fixes, or if the first fixes agree with the origin, as fixes in
     `odom` do. Otherwise the path from dead reckoning is fitted to the fixes. If neither this nor a
     measured heading gives the yaw, its variance is large, and the filter estimates it in driving.
     """

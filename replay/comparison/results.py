@@ -206,7 +206,7 @@ def _scatter_note(healths: list[Health]) -> list[str]:
 def fix_correlation(run: Run) -> float | None:
     """Correlation of successive normalised innovations of a run's position fixes.
 
-    It is the mean over the axes x and y with at least `ENOUGH_FIXES` innovations; None without any.
+    The mean is over the axes x and y with at least `ENOUGH_FIXES` innovations; None without any.
     """
     by_axis = []
     for name in ("position_x", "position_y"):

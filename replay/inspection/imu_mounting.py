@@ -204,9 +204,9 @@ def _density_while_driving(
 ) -> float | None:
     """Noise density of horizontal specific forces beyond the change of speed and v w.
 
-    It is the larger of two [m/s²/√Hz]: of neighbouring samples (fast vibration), and of means over
-    `SMOOTHING` (with slopes and shocks). None if it hardly drives. `step` is the interval of the IMU's
-    samples [s]; the other arguments are as for `forward_yaw`.
+    The density is the larger of two [m/s²/√Hz]: of neighbouring samples (fast vibration), and of means
+    over `SMOOTHING` (with slopes and shocks). None if it hardly drives. `step` is the interval of the
+    IMU's samples [s]; the other arguments are as for `forward_yaw`.
     """
     driving = ~is_still
     if driving.sum() <= 10:

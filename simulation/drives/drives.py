@@ -154,7 +154,7 @@ def random_driving(
 def aggressive(duration: float, robot: Robot, rng: Generator, *, hold: NotNegative = 0.7) -> Blends:
     """Random track speeds, uniform over the full range, reverse included.
 
-    They are held for an exponentially distributed time of mean `hold` [s].
+    Each pair is held for an exponentially distributed time of mean `hold` [s].
     """
     top = robot.vehicle.max_track_speed
 

@@ -113,8 +113,8 @@ class TrueMotion:
     def accelerations_at(self, times: Floats, window: float) -> Floats:
         """Accelerations (n, 3) forward, left, dv/dt + w x v [m/s²], and dw/dt [rad/s²].
 
-        They are of base_link in its own axes, averaged over a window [s] around each time (n,) [s], which
-        makes them independent of the grid: the slip residual has no derivative at a point in time.
+        They are means of base_link, in its own axes, over a window [s] around each time (n,) [s], so that
+        they do not depend on the grid: the slip residual has no derivative at a point in time.
         """
         start, end = self.window(times, window)
         rates = (self.twists_at(end) - self.twists_at(start)) / (end - start)[:, None]
@@ -227,7 +227,7 @@ def integrate_twists(twists: Floats, step: float) -> Floats:
 def integrals(values: Floats, step: float) -> Floats:
     """Integral (n - 1, k) over each interval of values (n, k) at an even step [s].
 
-    It is of fourth order, that of the cubic through four samples; at both ends, of the trapezoid.
+    Inner intervals use the cubic through four samples (fourth order), both ends the trapezoid.
     """
     integral = 0.5 * step * (values[:-1] + values[1:])
     if len(values) > 3:
