@@ -1,7 +1,7 @@
 """Dead reckoning for tracked and skid-steer robots whose ICRs move with inertia.
 
 The public names of the estimator, the simulator and the replay module stand in `__init__.pyi`, which type
-checkers read, too. They are imported when first used.
+checkers read, too. Each name is imported when first used.
 """
 
 import logging

@@ -176,9 +176,8 @@ def load_scenario(path: str | Path) -> Scenario:
     refuse_idle_keys([scenario.terrain], written.get("terrain", {}), str(path))
     if scenario.trajectory_file is None:
         return scenario
-    return msgspec.structs.replace(
-        scenario, trajectory_file=str(path.parent / scenario.trajectory_file)
-    )
+    file = str(path.parent / scenario.trajectory_file)
+    return msgspec.structs.replace(scenario, trajectory_file=file)
 
 
 def change_scenario(scenario: Scenario, changes: dict[str, Any], source: str) -> Scenario:
@@ -204,7 +203,7 @@ def change_scenario(scenario: Scenario, changes: dict[str, Any], source: str) ->
 def lost_options(scenario: Scenario, changes: dict[str, Any]) -> list[str]:
     """Keys that `change_scenario` drops with a change of trajectory.
 
-    They are the options that the new trajectory lacks, and trajectory_file.
+    Dropped are the options that the new trajectory lacks, and trajectory_file.
     """
     old, new = scenario.trajectory, changes.get("trajectory", scenario.trajectory)
     if new == old or new not in trajectory_names():

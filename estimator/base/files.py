@@ -19,7 +19,7 @@ if sys.platform != "win32":
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file next to its place, and move it there; an OSError leaves nothing.
 
-    It has the mode of the file that it replaces. The target of a symbolic link is replaced, not the link.
+    The file gets the mode of the old file. The target of a symbolic link is replaced, not the link.
     """
     path = Path(os.path.realpath(path))
     temporary = path.with_name(f"{path.name}.{uuid4().hex}.tmp")

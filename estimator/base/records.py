@@ -117,7 +117,7 @@ def assign(record: Any, source: Any) -> None:
 def shifted(record: Record, by: int) -> Record:
     """Copy a record for a clock that is ahead by some ns: all its `Stamp` are later.
 
-    It may have records and named tuples in it, and tuples and dicts of them.
+    A field may be a record, a named tuple, or a tuple or dict of these.
     """
     kind: Any = record.kind if isinstance(record, SharedRecord) else type(record)
     return cast(Record, _shift_stamps(plain_copy(kind, record), False, by))
@@ -159,9 +159,8 @@ _types = cache(get_type_hints)
 
 def _names(record: Any) -> tuple[str, ...]:
     """Field names of a record, named tuple, or their type; () for other values."""
-    return cast(
-        tuple[str, ...], getattr(record, "__struct_fields__", getattr(record, "_fields", ()))
-    )
+    of_named_tuple = getattr(record, "_fields", ())
+    return cast(tuple[str, ...], getattr(record, "__struct_fields__", of_named_tuple))
 
 
 def _memory_of(record: Any) -> Any:

@@ -124,7 +124,7 @@ class FrontEnd:
     def fill(self, begin: int, end: int, inputs: Floats) -> None:
         """Compute the inputs of steps, from where the last call ended to before `end`.
 
-        They are written to (end - begin, rows, lanes); lanes beyond those of the runs repeat the last.
+        `inputs` (end - begin, rows, lanes) is filled; lanes beyond those of the runs repeat the last.
         """
         steps = self._steps.part(begin, end)
         fill_entry(inputs, self._lanes, self._measured, steps, self._added)

@@ -6,8 +6,8 @@ is held at its start (the robot file); the others are then estimated on that con
 
 Standard errors are the largest of those of the likelihood and of a jackknife over blocks, linearised at
 the fit. The jackknife is valid for any correlation of residuals within a block (Efron and Stein, The
-jackknife estimate of variance, Annals of Statistics 9, 1981). They are inflated for few blocks, so that
-1.96 of them are a 95 % interval.
+jackknife estimate of variance, Annals of Statistics 9, 1981). Standard errors of few blocks are inflated,
+so that 1.96 of them are a 95 % interval.
 """
 
 from __future__ import annotations
@@ -99,7 +99,8 @@ class Fit:
 
     def without(self, blocks: Flags) -> Floats:
         """Estimates (p,) without the blocks of a mask (blocks,), by one Gauss-Newton step."""
-        free, threshold = np.flatnonzero(self.free), _thresholds(self.problem)
+        free = np.flatnonzero(self.free)
+        threshold = _thresholds(self.problem)
         scaled = _scaled(self.fisher[~blocks].sum(axis=0), free, threshold)
         slope = threshold[free] * self.score[~blocks].sum(axis=0)[free]
         moved = self.values.copy()
@@ -270,9 +271,10 @@ def _scaled(fisher: Floats, places: NDArray[np.intp], threshold: Floats) -> Floa
 
 def _sigmas(fisher: Floats, free: Flags, threshold: Floats) -> Floats:
     """Standard errors (p,) by the likelihood; infinite if held, huge if unobservable."""
-    result, places = np.full(len(threshold), np.inf), np.flatnonzero(free)
+    places = np.flatnonzero(free)
     values, vectors = np.linalg.eigh(_scaled(fisher, places, threshold))
     variances = (vectors**2 / np.maximum(values, LEAST_INFORMATION)).sum(axis=1)
+    result = np.full(len(threshold), np.inf)
     result[places] = threshold[places] * np.sqrt(variances)
     return result
 

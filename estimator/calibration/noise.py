@@ -156,7 +156,7 @@ def information(
 ) -> tuple[Floats, Floats]:
     """Information (blocks, p, p) and score (blocks, p), so that both add up.
 
-    They are of residuals (n, ROWS) with derivatives (n, ROWS, p), by the block (n,) of each segment.
+    The residuals (n, ROWS) have derivatives (n, ROWS, p); `block` (n,) is the block of each segment.
     Correlated rows of two blocks count half to either.
     """
     blocks, size = int(block.max()) + 1, jacobian.shape[-1]
@@ -187,8 +187,8 @@ def _solve_banded(bands: Floats, columns: Floats) -> tuple[Floats, Floats]:
 def flattening(noise: Noise, residuals: Floats) -> float:
     """Correction factor of the information of weighted squares, 0.3 to 1.
 
-    It is the mean slope of the influence function over the mean weight (Huber, Robust Statistics), the
-    least of all channels.
+    The factor is the mean slope of the influence function over the mean weight (Huber, Robust
+    Statistics), the least of all channels.
     """
     least = 1.0
     for channel, sigma in zip(noise.channels, noise.components, strict=True):
@@ -216,17 +216,15 @@ def _most_likely(channel: Channel, start: Floats, residuals: Floats) -> Floats:
     floor = np.zeros_like(channel.bands[0])
     floor[0] = SMALLEST**2
 
-    def negative_log_likelihood(logs: Floats) -> float:
+    def neg_log_likelihood(logs: Floats) -> float:
         solved, factor = _solve_banded(channel.covariance(np.exp(logs)) + floor, residuals)
         return float(0.5 * residuals @ solved + np.log(factor[0]).sum())
 
     logs = np.log(np.clip(start, SMALLEST, LARGEST))
     bounds = [(np.log(SMALLEST), np.log(LARGEST))] * len(logs)
     options = {"maxiter": 300, "xatol": TOLERANCE, "fatol": TOLERANCE}
-    best = minimize(
-        negative_log_likelihood, logs, method="Nelder-Mead", bounds=bounds, options=options
-    )
-    return np.exp(best.x if best.fun < negative_log_likelihood(logs) else logs)
+    best = minimize(neg_log_likelihood, logs, method="Nelder-Mead", bounds=bounds, options=options)
+    return np.exp(best.x if best.fun < neg_log_likelihood(logs) else logs)
 
 
 def _linked(follows: Flags, segments: Indexes) -> Flags:

@@ -238,6 +238,7 @@ class _Export:
             "STRUCTS": "\n".join(self._records.text),
             **self._names(),
             **self._tables(),
+            **self._numbers(),
         }
         parts["DIGEST"] = f"0x{zlib.crc32(repr(parts).encode()):08X}u"
         paths = [path.relative_to(TEMPLATES) for path in sorted(TEMPLATES.rglob("*.in"))]
@@ -274,11 +275,9 @@ class _Export:
         stamps, rates = (Type("array", of, shape=(self._readings,)) for of in ("int", "real"))
         types = functions.records
         record, fixes = types[FilterRecord], types[FixesRecord]
-        four_reals = functions.tuple_type([(f"_{k}", REAL) for k in range(4)])
+        gyro = functions.tuple_type([(f"_{k}", REAL) for k in range(4)])
         readings = {"stamps": stamps, "rates": rates}
-        functions.translate(
-            sample_inputs, record=record, inputs=inputs, gyro=four_reals, **readings
-        )
+        functions.translate(sample_inputs, record=record, inputs=inputs, gyro=gyro, **readings)
         functions.translate(move_inputs, record=record, inputs=inputs)
         clocks = imu_clock.is_due_after, imu_clock.is_alive, imu_clock.take_stamp
         for of_clock in (imu_clock.interval_start, *clocks):
@@ -309,9 +308,7 @@ class _Export:
         names = state_names(self._variant)
         learnt = [i for i in self._states if i in LEARNT]
         parameters, latencies = self._layout.parameters, Latencies.of(self._robot)
-        latencies_ns = {
-            stream: round(getattr(latencies, stream) / NANOSECOND) for stream in LATE_STREAMS
-        }
+        latency_ns = {name: round(getattr(latencies, name) / NANOSECOND) for name in LATE_STREAMS}
         defines = {
             "INPUTS": len(INPUTS),
             "CONSTANTS": 1 + max(places[constant] for constant in VARYING),
@@ -343,7 +340,7 @@ class _Export:
             "DEFINES": "\n".join(f"#define {name} {value}" for name, value in defines.items()),
             "LATENCIES": "\n".join(
                 f"#define ICR_{name.upper()}_LATENCY INT64_C({value})"
-                for name, value in latencies_ns.items()
+                for name, value in latency_ns.items()
             ),
             # Rows behind these are outputs of other kernels.
             "ROW_COUNT": str(rows[MOTION[0]]),
@@ -354,32 +351,36 @@ class _Export:
         }
 
     def _tables(self) -> dict[str, str]:
-        """Numbers of the robot and its filter."""
-        rows, settings, number = self._rows, self._settings, self._number
-        walks = assumptions(self._robot, self._variant, settings).disturbances.bias_walk ** 2
-        learnt = [k for k, i in enumerate(self._states) if i in LEARNT]
-        states, unmoved = self._all_states, {*self._shape.considered, s.WANDER_X, s.WANDER_Y}
-        pairs = product(states, states)
+        """Arrays in C, by their names in the template, and the start of the filter."""
+        array, rows, states = self._array, self._rows, self._all_states
+        mounting = SensorModels(self._robot).mounting.ravel()
         # Bit masks of the states that a velocity, and a standing robot, do not move.
-        fixed_states = [{*fixed, *unmoved} for fixed in (POSE_FIXED, STANDING_FIXED)]
+        never_moved = {*self._shape.considered, s.WANDER_X, s.WANDER_Y}
+        fixed_states = [never_moved.union(fixed) for fixed in (POSE_FIXED, STANDING_FIXED)]
         masks = [sum(1 << k for k, i in enumerate(states) if i in fixed) for fixed in fixed_states]
+        slips = [states.index(i) for i in SLIP_STATES]
+        covariances = [rows[covariance_name(i, j)] for i, j in product(states, states)]
+        learnt = [k for k, i in enumerate(self._states) if i in LEARNT]
+        assumed = assumptions(self._robot, self._variant, self._settings)
+        walks = (assumed.disturbances.bias_walk**2)[[self._states[k] for k in learnt]]
         values = enumerate(self._workspace)
-        start = [f"    lanes[{row}] = {number(value)};" for row, value in values if value]
+        start = [f"    lanes[{row}] = {self._number(value)};" for row, value in values if value]
+        return {
+            "MOUNTING": array("real MOUNTING[18]", mounting),
+            "VALUES": array("uint16_t VALUES[ALL]", [rows[f"x{i}"] for i in states]),
+            "FIXED": array("uint32_t FIXED[2]", masks) + array("uint8_t SLIP_PLACE[3]", slips),
+            "COVARIANCES": array("uint16_t COVARIANCES[ALL * ALL]", covariances),
+            "LEARNT": array("uint16_t LEARNT[]", learnt),
+            "WALKS": array("real WALKS[]", walks),
+            "START": "\n".join([*start, *self._records.initial(self._record, "filter->record")]),
+        }
+
+    def _numbers(self) -> dict[str, str]:
+        """Settings and limits, as numbers in C, by their names in the template."""
+        settings, number = self._settings, self._number
         uses_force = settings.use_accelerometer and self._variant.accelerometers
         fastest = self._robot.vehicle.max_track_speed
         return {
-            "MOUNTING": self._array(
-                "real MOUNTING[18]", SensorModels(self._robot).mounting.ravel()
-            ),
-            "VALUES": self._array("uint16_t VALUES[ALL]", [rows[f"x{i}"] for i in states]),
-            "FIXED": self._array("uint32_t FIXED[2]", masks)
-            + self._array("uint8_t SLIP_PLACE[3]", [states.index(i) for i in SLIP_STATES]),
-            "COVARIANCES": self._array(
-                "uint16_t COVARIANCES[ALL * ALL]", [rows[covariance_name(i, j)] for i, j in pairs]
-            ),
-            "LEARNT": self._array("uint16_t LEARNT[]", learnt),
-            "WALKS": self._array("real WALKS[]", [walks[self._states[k]] for k in learnt]),
-            "START": "\n".join([*start, *self._records.initial(self._record, "filter->record")]),
             "USES_FORCE": "true" if uses_force else "false",
             "FASTEST": number(fastest),
             "HOLD": number(self._inputs.hold),

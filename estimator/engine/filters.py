@@ -142,9 +142,10 @@ class BatchFilter:
 
     def _write_start(self, workspace: Floats, start: Floats, start_sigma: Floats) -> None:
         """Write the initial states and variances: prior, start pose and wander of fixes."""
-        state, sigmas = self._prior.copy(), self._sigmas.copy()
-        state[s.POSE], sigmas[s.POSE] = start, start_sigma
-        state, sigmas = np.append(state, [0.0] * 2), np.append(sigmas, [self._wander.sigma] * 2)
+        state = np.append(self._prior, [0.0] * 2)
+        state[s.POSE] = start
+        sigmas = np.append(self._sigmas, [self._wander.sigma] * 2)
+        sigmas[s.POSE] = start_sigma
         for i in self.shape.states:
             workspace[self.rows[f"x{i}"]] = state[i]
             workspace[self.rows[f"P{i}_{i}"]] = sigmas[i] ** 2

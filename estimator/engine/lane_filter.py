@@ -75,9 +75,8 @@ class LaneSteps:
         self._arguments = ekf, disturbances, robot, settings, record, readings
         self._compiles, self._ekf, self._readings = compiles, ekf, readings
         self._record = record
-        self._lane = lane = one_lane(
-            ekf.model, ekf.considered, wanders=ekf.wanders, compiles=compiles
-        )
+        lane = one_lane(ekf.model, ekf.considered, wanders=ekf.wanders, compiles=compiles)
+        self._lane = lane
         compiled = lane.compiled or (lambda function: function)
         self._take_step, self._feed_samples = compiled(take_step), compiled(feed_samples)
         self._evaluate_twist, self._fill_move = compiled(evaluate_twist), compiled(fill_move)
@@ -241,10 +240,9 @@ def events_of(shape: FilterShape, kernel_number: int) -> Events:
         # What a user's model reports does not depend on its equations.
         shape = shape._replace(model=shape.model._replace(kind="linear", memory=0))
     layout = shape.layout
-    zeros = Numbers(
-        np.zeros(len(layout.rows)), np.zeros(len(INPUTS)), np.zeros(len(layout.constants))
-    )
+    sizes = (len(layout.rows), len(INPUTS), len(layout.constants))
+    rows, inputs, constants = map(np.zeros, sizes)
     make, arguments = kernel_maker(kernel_number, shape)
     with np.errstate(all="ignore"):
-        kernel = make(*arguments, numbers=zeros)
+        kernel = make(*arguments, numbers=Numbers(rows, inputs, constants))
     return Events(kernel.events)

@@ -225,8 +225,8 @@ def feed_samples(
 ) -> Any:
     """Take the steps of samples in order, and fill rows, see `Sampled`.
 
-    Other arguments are those of `take_sample`. It stops before a sample after a gap, or at a stamp that
-    the filter has reached, and if the buffers of readings are full.
+    Other arguments are those of `take_sample`. The steps end before a sample after a gap, or at a stamp
+    that the filter has reached, and if the buffers of readings are full.
     """
     require_sizes(samples)
     record, track_stamps, imu_stamps = records[0], samples.track_stamps, samples.imu_stamps
@@ -288,7 +288,7 @@ def take_tracks(places: Any, records: Any, arrays: Any, samples: SampleArrays, k
 def is_row_due(rows: Any, stamp: int, reached: int) -> bool:
     """Note the stamp of a measurement [ns]; return True if a row is due before it.
 
-    It is due once for each stamp that the estimate has `reached` [ns], with new track speeds.
+    A row is due once for each stamp that the estimate has `reached` [ns], with new track speeds.
     """
     progress = rows.progress
     is_later, progress[NEWEST] = stamp > progress[NEWEST], stamp

@@ -180,7 +180,7 @@ class Step:
     def _follow_regressors(self, now: model.TracedTwist, speeds: Any, shares: Any) -> None:
         """Smooth the regressors for later steps.
 
-        These are the derivatives by the parameters, and the yaw rate, at the turn that tracks and
+        Regressors are the derivatives by the parameters, and the yaw rate, at the turn that tracks and
         gyro both show: noise of either moves no parameter and no bias (errors in variables).
         """
         lane, x = self.lane, self.lane.x.copy()

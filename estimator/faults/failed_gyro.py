@@ -140,7 +140,7 @@ def is_jump_over(
 ) -> bool:
     """Return True if the gyro reads a yaw rate again, after a jump.
 
-    It does once it jumps back, the tracks have jumped along, or both have agreed for `AGREEMENT_TIME`.
+    True once the reading jumps back, the tracks have jumped along, or both agreed for `AGREEMENT_TIME`.
     `change` is that of the reading over `dt` [s], `track_rate` the yaw rate by the tracks [rad/s].
     """
     limit = JUMP_SHARE * abs(gyro.jump)

@@ -224,7 +224,7 @@ def take_side(
 def wheel_density(side: WheelsRecord, newest: int, start: int, end: int) -> float:
     """Error density of a side in doubt, over a step from start to end [ns] [m²/s].
 
-    It is zero unless the wheels disagree in the `newest` track speeds [ns].
+    The density is zero unless the wheels disagree in the `newest` track speeds [ns].
     """
     if side.doubt == 0.0 or side.newest != newest or newest == NEVER:
         return 0.0

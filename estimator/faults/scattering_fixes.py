@@ -14,7 +14,7 @@ An error that wanders is worse than a white one of the same size, since all fixe
 Then residuals resemble those before them: the sum of squares of their differences is less than twice that
 of their own (von Neumann, Distribution of the ratio of the mean square successive difference to the
 variance, Annals of Mathematical Statistics 12, 1941). How much less, of white errors and of a random
-walk, follows from the path. How long such an error lasts the residuals of some seconds do not show. It is
+walk, follows from the path. The residuals of some seconds do not show how long such an error lasts: it is
 taken for a minute, as of plain GPS: the fixes of that time count as one. Functions are plain Python, also
 for numba.
 """
@@ -205,8 +205,8 @@ def align_newest(scatter: ScatterRecord, fix: TakenFix) -> bool:
 def measure_scatter(scatter: ScatterRecord) -> None:
     """Update `scatter.variance` and `scatter.likeness` by the aligned fixes.
 
-    The variance follows a larger scatter at once and fades if fixes scatter less. It is 0 if it is not
-    above that which the newest fix states.
+    The variance follows a larger scatter at once and fades if fixes scatter less. It is 0 unless
+    it exceeds the variance that the newest fix states.
     """
     factor = FACTOR_STILL if scatter.variance > 0.0 else FACTOR_FOUND
     spread = residual_spread(scatter)
@@ -234,9 +234,9 @@ def measure_scatter(scatter: ScatterRecord) -> None:
 def steps_scatter(scatter: ScatterRecord, least: float) -> bool:
     """Return True if most of the newest steps are off, along and across.
 
-    They are if no turn and stretch of the path makes half of its steps fit those of the fixes. Tried are
-    those that make one of the steps fit. A step is off from `least` times its expected variance on, of
-    many fixes.
+    Steps are off if no turn and stretch of the path makes half of its steps fit those of the fixes. Tried
+    are those that make one of the steps fit. A step is off from `least` times its expected variance on,
+    of many fixes.
     """
     first = max(1, scatter.laid - NEWEST_STEPS)
     do_fit = steps_fit(scatter, first, 1.0 + 0j, least)

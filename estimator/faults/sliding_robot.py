@@ -4,8 +4,8 @@ Both tracks spin up against an obstacle, or stop on ice: their speed changes and
 push, or a hit from the side: the robot's velocity changes and that of the tracks does not. An
 accelerometer shows no velocity, only its changes, and gravity on slopes looks like one. So a slide is
 found if it begins suddenly, with a speed beyond that of the robot's usual starts and stops; one that
-begins slowly is not. It ends with the opposite change, or is forgotten after some time. Functions are
-plain Python, also for numba.
+begins slowly is not. A slide ends with the opposite change, or is forgotten after some time. Functions
+are plain Python, also for numba.
 """
 
 import math

@@ -170,7 +170,7 @@ def watch_spin(
 
     Nothing is decided before the robot's own bends have shown how its tracks turn it: a wrong geometry or
     swapped sides in the robot file are no spin. Only a track that reads zero is compared with the file's.
-    It is taken for the one at fault, from a smaller mismatch on: a robot rarely brakes one track to
+    Such a track is at fault from a smaller mismatch on: a robot rarely brakes one track to
     exactly zero while the other one spins, and a sensor that fails does so.
 
     Args:

@@ -194,7 +194,7 @@ class Ekf:
     def inflate_jointly(
         self, states: tuple[int, ...], covariance: Floats, *, of_motion: bool = False
     ) -> None:
-        """Inflate n states by a covariance (n, n), of an error of the motion or not."""
+        """Inflate n states by a covariance (n, n); `of_motion`: an error of the motion."""
         self.P[np.ix_(states, states)] += covariance
         self.inflated(states, covariance, self.x.item(s.YAW) if of_motion else None)
 

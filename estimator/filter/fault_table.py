@@ -105,10 +105,11 @@ def _find_stuck(record: Any) -> Iterator[Found]:
 
 
 def _find_silent(record: Any) -> Iterator[Found]:
-    tracks, imu, hold, now = record.tracks, record.imu, record.settings.hold, record.stamp
-    if tracks.stamp != NEVER and (now - tracks.stamp) * NANOSECOND > hold:
+    tracks, imu = record.tracks, record.imu
+    hold = record.settings.hold
+    if tracks.stamp != NEVER and (record.stamp - tracks.stamp) * NANOSECOND > hold:
         yield Found("tracks", "no track speeds", since=tracks.stamp)
-    if imu.stamp != NEVER and not is_alive(imu, now, hold):
+    if imu.stamp != NEVER and not is_alive(imu, record.stamp, hold):
         effect = "the tracks turn the pose"
         yield Found("imu", f"no IMU samples: {effect}", since=imu.stamp, effect=effect)
 
@@ -128,14 +129,17 @@ def _find_spinning(record: Any) -> Iterator[Found]:
 def _find_wheel_off(record: Any) -> Iterator[Found]:
     tracks = record.tracks
     for side, wheels in (("left", tracks.left_wheels), ("right", tracks.right_wheels)):
-        if are_found(wheels) and wheels.odd == NO_WHEEL:
-            part, size = f"{side} wheels", 2.0 * wheels.apart
-            text = f"the {part} are {size:.2f} m/s apart, which is right is not clear"
-            yield Found("tracks", text, part, wheels.since, size)
-        elif are_found(wheels):
+        if not are_found(wheels):
+            continue
+        if wheels.odd == NO_WHEEL:
+            part = f"{side} wheels"
+            apart = 2.0 * wheels.apart  # both possible speeds: each is `apart` from their mean
+            text = f"the {part} are {apart:.2f} m/s apart, which is right is not clear"
+        else:
             part = f"{side} wheel {wheels.odd + 1}"
-            text = f"the {part} is {wheels.apart:.2f} m/s off"
-            yield Found("tracks", text, part, wheels.since, wheels.apart)
+            apart = wheels.apart
+            text = f"the {part} is {apart:.2f} m/s off"
+        yield Found("tracks", text, part, wheels.since, apart)
 
 
 def _find_sliding(record: Any) -> Iterator[Found]:
@@ -397,7 +401,7 @@ class FilterView(Protocol):
 class OwnFault(msgspec.Struct):
     """Fault of your own.
 
-    Its fields are its memory: finite numbers, texts, None, and lists of them, with defaults. They are
+    Its fields are its memory: finite numbers, texts, None, and lists of them, with defaults. Fields are
     copied for late measurements and saved. A stamp has the type `Stamp` of
     `icreckon.estimator.base.records` and the default None, so that it follows changes of the clock.
 

@@ -57,7 +57,6 @@ def considered_states(variant: Variant, settings: Settings) -> tuple[int, ...]:
     allowed = [name for name in names[s.LEARNT] if name]  # unused parameters have no name
     for name in settings.considered:
         if name not in allowed:
-            raise SettingError(
-                f"Settings.considered cannot hold {name!r}{nearest_hint(name, allowed)}"
-            )
+            hint = nearest_hint(name, allowed)
+            raise SettingError(f"Settings.considered cannot hold {name!r}{hint}")
     return tuple(sorted({names.index(name) for name in settings.considered}))

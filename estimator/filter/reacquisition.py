@@ -105,7 +105,7 @@ class Alignment(NamedTuple):
 def aligned_path(rejected: RejectedRecord) -> Alignment:
     """Align the estimated path with the rejected fixes by least squares.
 
-    It does not fit with too few fixes, large residuals, or a turn that is uncertain or not significant.
+    The path does not fit with too few fixes, large residuals, or an uncertain or insignificant turn.
     """
     no_fit = Alignment(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     to_x = to_y = x = y = variance = 0.0

@@ -151,8 +151,10 @@ class Log:
     def between(self, start: int, end: int) -> Log:
         """Part of the log between two stamps, both included [ns], with counts and notes.
 
+        The part is empty if `start` is after `end`.
+
         Raises:
-            EstimatorError: it holds neither track speeds nor IMU samples there.
+            EstimatorError: the log holds neither track speeds nor IMU samples there.
         """
         if start <= end and (end < self.start or start > self.end):
             raise EstimatorError(
@@ -288,6 +290,7 @@ def _track_speeds(tracks: TrackSpeedSeries, rows: Indexes) -> list[Measurement]:
 
 
 def _imu_samples(imu: ImuSeries, rows: Indexes) -> list[Measurement]:
+    """IMU samples of some rows of a series; a specific force of NaN becomes None."""
     rates = [tuple(row) for row in imu.angular_velocity[rows].tolist()]
     forces: list[Any] = [None] * len(rates)
     if imu.linear_acceleration is not None:

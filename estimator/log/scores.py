@@ -241,7 +241,7 @@ def even_grid(low: float, high: float, step: float, known: NDArray[Any]) -> NDAr
 def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
     """Errors (n, 3) of v_x, v_y [m/s] and w [rad/s] in the axes of base_link.
 
-    They are at the stamps of the truth's twists; without twists see `_mean_velocity_errors`.
+    Rows are at the stamps of the truth's twists; without twists see `_mean_velocity_errors`.
     """
     if truth.twists is None:
         return _mean_velocity_errors(estimate, truth.poses)
@@ -273,15 +273,15 @@ def _mean_velocity_errors(estimate: Trajectory, truth: PoseSeries) -> Floats:
 
 
 def _reckoned(estimate: Trajectory) -> PoseSeries:
-    """Integrate the estimated twists: the path without the jumps at fixes."""
+    """Integrate the estimated twists from the origin: no jumps at fixes."""
     dt = np.diff(estimate.stamps)[:, None] * NANOSECOND
-    steps = 0.5 * (estimate.twists[1:] + estimate.twists[:-1]) * dt
+    forward, left, turn = (0.5 * (estimate.twists[1:] + estimate.twists[:-1]) * dt).T
     poses = np.zeros((len(estimate.stamps), 3))
-    poses[1:, 2] = np.cumsum(steps[:, 2])
-    middle = poses[:-1, 2] + 0.5 * steps[:, 2]
-    cos, sin = np.cos(middle), np.sin(middle)
-    poses[1:, 0] = np.cumsum(cos * steps[:, 0] - sin * steps[:, 1])
-    poses[1:, 1] = np.cumsum(sin * steps[:, 0] + cos * steps[:, 1])
+    poses[1:, 2] = np.cumsum(turn)
+    middle_yaw = poses[:-1, 2] + 0.5 * turn
+    cos, sin = np.cos(middle_yaw), np.sin(middle_yaw)
+    poses[1:, 0] = np.cumsum(cos * forward - sin * left)
+    poses[1:, 1] = np.cumsum(sin * forward + cos * left)
     return PoseSeries(estimate.stamps, poses)
 
 

@@ -1,6 +1,6 @@
 """The paper's inertia-based index model in steady motion on level ground.
 
-It is implicit: indices depend on the force of inertia, inertia on the twist, the twist on the
+The model is implicit: indices depend on the force of inertia, inertia on the twist, the twist on the
 indices. One scalar u, the (signed) force of inertia, determines all of them, so the model is
 
     w   = D / (L eta)                D = V_r - V_l,  V_m = (V_l + V_r) / 2

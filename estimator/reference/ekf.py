@@ -119,9 +119,8 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             left * of_left, right * of_right, x[s.PARAMETERS], slip, gravity_in(x)
         )
         parts = zip(by.by_slip, by.by_parameters, by.by_speeds, by.by_gravity, strict=True)
-        by_all = TO_REP103.dot(
-            np.array([[value for part in row for value in part] for row in parts])
-        )
+        rows = np.array([[value for part in row for value in part] for row in parts])
+        by_all = TO_REP103.dot(rows)
         by_slip, by_parameters, by_speeds, by_gravity = np.split(by_all, PARTS, axis=1)
         by_slip = by_slip.dot(TO_REP103.T)
         jacobian = np.zeros((3, s.SIZE))

@@ -213,8 +213,8 @@ def state_names(variant: Variant | str) -> tuple[str, ...]:
 def initial_parameters(robot: Robot, variant: Variant) -> Floats:
     """Initial values of the nine parameters (9,) of a variant.
 
-    They are the robot file's, as far as the variant's model has them. Gains that the file lacks are those
-    of Coulomb friction, see `coulomb_gains`.
+    Values are the robot file's, as far as the variant's model has them. Gains that the file lacks are
+    those of Coulomb friction, see `coulomb_gains`.
     """
     match variant.model:
         case "differential":
@@ -245,7 +245,7 @@ def coulomb_gains(robot: Robot) -> tuple[float, float]:
     and across the track, r² = a² + y². A force along the tracks, as a share of the weight, shifts a by
     1 / (mu mean(y² / r³)); one across them, in N, shifts y_ICR by 1 / (mu M g mean(a² / r³)).
 
-    Both are zero if nothing is known of the robot's slip: eta0 is 1 then.
+    Both gains are zero if nothing is known of the robot's slip: eta0 is 1 then.
     """
     if robot.constant_indices.eta0 <= 1.0:
         return 0.0, 0.0
@@ -283,7 +283,7 @@ def slip_of(robot: Robot, variant: Variant) -> Slip:
 def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> Floats:
     """Initial standard deviations of the nine parameters (9,), in state order.
 
-    They are zero for parameters that the variant does not estimate. H has no gradient in the motion
+    Parameters that the variant does not estimate have zero. H has no gradient in the motion
     model: its standard deviation is zero, too, and it keeps the robot file's value.
     """
     if not variant.online:

@@ -1,9 +1,9 @@
 """Noise of gyro and accelerometers, measured from differences of their readings.
 
 Second differences cancel a constant and a constant change, so that a turn does not count as noise. Their
-mean size, clipped, is a robust scale of the noise. It is taken of single readings and of means over short
-blocks, which show slow vibration to a fast IMU; the larger counts. The functions are written for plain
-Python and for numba, see `icreckon.estimator.base.records`.
+mean size, clipped, is a robust scale of the noise. The scale is taken of single readings and of means
+over short blocks, which show slow vibration to a fast IMU; the larger counts. The functions are written
+for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
 import math
@@ -164,8 +164,8 @@ def measured_noise(axis: AxisNoise) -> float:
 def assumed_noise(axis: AxisNoise, stated: float, factor: float, least: float) -> float:
     """Noise density of an axis that the filter assumes [unit²/Hz].
 
-    It is that of the robot file, `stated` [unit/√Hz], if the measured one agrees with it, and the
-    measured one if that is larger by the factor, or clearly smaller; it changes continuously between
+    The density is that of the robot file, `stated` [unit/√Hz], if the measured one agrees with it, and
+    the measured one if that is larger by the factor, or clearly smaller; it changes continuously between
     them. Noise below the share `least` of the file's does not count.
     """
     measured, density = measured_noise(axis), stated

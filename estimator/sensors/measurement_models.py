@@ -46,9 +46,9 @@ Quantity = Literal["pose", "twist", "height"]
 def imu_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
     """States that the IMU does not move, except parameters that it is `taught`.
 
-    They are the pose, the scales of tracks and gyro, and most parameters. It sees them only through other
-    errors of the motion, and would attribute these to them: against tracks that slip in gentle bends the
-    scale of a healthy gyro went 6 % wrong. Fixes and body velocities measure them.
+    These are the pose, the scales of tracks and gyro, and most parameters. The IMU sees them only through
+    other errors of the motion, which it would attribute to them: against tracks that slip in gentle bends
+    the scale of a healthy gyro went 6 % wrong. Fixes and body velocities measure them.
     """
     moved = (s.PARAMETERS.start + place for place in taught)
     parameters = set(range(s.PARAMETERS.start, s.PARAMETERS.stop)).difference(moved)

@@ -84,7 +84,7 @@ def quiet_mean(
 ) -> float:
     """Add a yaw-rate reading; return the mean of quiet readings at standstill.
 
-    It is NaN if the tracks move, readings have not been quiet for long enough, or their mean is no bias.
+    The mean is NaN if the tracks move, readings were not quiet for long enough, or the mean is no bias.
 
     Args:
         still: record, changed in place.

@@ -272,8 +272,8 @@ class PoseEstimator:
     def feed(self, measurement: Measurement) -> bool:
         """Update with one measurement.
 
-        The latency of its stream is taken off its stamp. It is rejected, and counted in `health`, if it
-        is invalid (not finite or too large, bad variance, duplicate stamp), later than
+        The latency of its stream is subtracted from its stamp. A measurement is rejected, and counted in
+        `health`, if it is invalid (not finite or too large, bad variance, duplicate stamp), later than
         `Settings.history`, or outside of its gate. The estimate then changes at most by propagation to
         its stamp.
 
@@ -332,8 +332,8 @@ class PoseEstimator:
     def feed_samples(self, samples: SampleArrays, rows: RunRows) -> tuple[int, int, int]:
         """Update with plausible samples, newer than all measurements so far.
 
-        It ends before a sample that needs more than a step; the history begins there. Returns the number
-        of track speeds and of IMU samples that were fed, and that of used ones.
+        Updates end before the first sample that needs more than a step. Returns the numbers of track
+        speeds, of IMU samples, and of used measurements among them; the history begins after them.
         """
         tracks, imu, used = self._reckoning.take_samples(samples, rows)
         if tracks or imu:

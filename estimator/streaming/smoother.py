@@ -1,8 +1,8 @@
 """Fixed-interval smoothing: estimates from earlier and later measurements.
 
 The forward pass is the filter itself, to rounding. With it runs a linear Kalman filter for the error of
-the filter's state, x = x_filter + delta. It has the same transitions, noise, Jacobians, standstill
-updates and gates, but the optimal gain throughout.
+the filter's state, x = x_filter + delta. The linear filter has the same transitions, noise, Jacobians,
+standstill updates and gates, but the optimal gain throughout.
 
 The filter's own estimates cannot be smoothed. Its fixed states (Schmidt-Kalman: twist measurements do not
 move the pose) are not optimal given the measurements so far. The recursion of Rauch, Tung and Striebel
@@ -185,8 +185,7 @@ class _Tape:
         self._delta = F @ self._delta
         P = F @ self._optimal_P @ F.T + step.Q
         self._optimal_P = 0.5 * (P + P.T)
-        decay, gravity_rows = np.diag(F)[s.SLIP].copy(), F[s.GRAVITY].copy()
-        self._tape.append(_Step(F[s.MOVED].copy(), decay, gravity_rows))
+        self._tape.append(_Step(F[s.MOVED].copy(), np.diag(F)[s.SLIP].copy(), F[s.GRAVITY].copy()))
         if P[s.YAW, s.YAW] > LOST_YAW**2:
             self._renew([s.X, s.Y, s.YAW], self._optimal_P[s.POSE, s.POSE].copy())
 
@@ -299,10 +298,10 @@ class _Tape:
 def unstretched(filtered: Floats, smoothed: Floats, anchor: int) -> Floats:
     """Smoothed poses (n, 3) whose path after an anchor is turned, and not stretched.
 
-    Without fixes the correction of the yaw grows with the log. That of the position is linear in it: a
-    path that is turned by 0.4 rad in this way is 8 % too long. So the corrections of the motion from row
-    to row are separated from the turn, each motion is corrected and turned, and the path composed again
-    from the row `anchor`. The smoothed poses are those of the filter (n, 3) plus linear corrections.
+    Without fixes the yaw's correction grows with the log, and the position's correction is linear in it:
+    a path turned by 0.4 rad in this way is 8 % too long. So the corrections of the motion from row to row
+    are separated from the turn, each motion is corrected and turned, and the path composed again from the
+    row `anchor`. The smoothed poses are those of the filter (n, 3) plus linear corrections.
     """
     turn = smoothed[:, 2] - filtered[:, 2]
     step = np.diff(filtered[:, :2], axis=0)

@@ -1,9 +1,9 @@
 """Plain Python functions over records as C99, with the functions that they call.
 
-They are those that numba compiles (`jit_kernel`): numbers, records with field names, named tuples, arrays
-of known size, branches and loops. Types of parameters follow from the annotations, or, where these leave
-them open, from the first call. Checks that raise are left out: their callers are C code of this package.
-The C file defines `real`, `complex_number` with its arithmetic, `smaller` and `larger`.
+These functions are those that numba compiles (`jit_kernel`): numbers, records with field names, named
+tuples, arrays of known size, branches and loops. Types of parameters follow from the annotations, or,
+where these leave them open, from the first call. Checks that raise are left out: their callers are C code
+of this package. The C file defines `real`, `complex_number` with its arithmetic, `smaller` and `larger`.
 """
 
 import inspect

@@ -28,8 +28,8 @@ def function_name(name: str, bits: int) -> str:
 def kernel_in_c(kernel: Kernel, bits: int) -> str:
     """C function of `lanes`, `inputs` and `constants` that returns the kernel's flags.
 
-    It has the kernel's name, and numbers of 64 or 32 `bits`. A kernel that stores into an array `found`
-    has it as its fourth argument.
+    The function has the kernel's name, and numbers of 64 or 32 `bits`. A kernel that stores into an array
+    `found` has it as its fourth argument.
     """
     return _Writer(kernel, bits).function()
 

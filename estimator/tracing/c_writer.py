@@ -501,20 +501,20 @@ class FunctionWriter:
             texts.append(self._as(arg, annotated).text if is_number else arg.text)
         return Code(f"{name}({', '.join(texts)})", result)
 
-    def _method(self, node: ast.Call, func: ast.Attribute) -> Code:
+    def _method(self, node: ast.Call, called: ast.Attribute) -> Code:
         """Call of `np.empty`, `np.zeros`, a function of `math`, or `conjugate`."""
-        owner = _name_of(func.value)
-        if owner == "np" and func.attr in ("empty", "zeros"):
+        owner = _name_of(called.value)
+        if owner == "np" and called.attr in ("empty", "zeros"):
             shape = node.args[0]
             sizes = shape.elts if isinstance(shape, ast.Tuple) else [shape]
             c_type = Type("array", "real", shape=tuple(self._code(size).value for size in sizes))
-            return Code("{0}", c_type)
-        args = [self._code(arg) for arg in node.args]
-        if owner == "math" and func.attr in OF_MATH:
-            name = function_name(func.attr, self._bits)
-            return Code(f"{name}({', '.join(self._as(arg, REAL).text for arg in args)})", REAL)
-        if func.attr == "conjugate":
-            number = self._in_variable(self._code(func.value))
+            return Code("{0}", c_type)  # an array of zeros
+        if owner == "math" and called.attr in OF_MATH:
+            name = function_name(called.attr, self._bits)
+            reals = [self._as(self._code(arg), REAL).text for arg in node.args]
+            return Code(f"{name}({', '.join(reals)})", REAL)
+        if called.attr == "conjugate":
+            number = self._in_variable(self._code(called.value))
             return Code(f"complex_of({number.text}.re, -{number.text}.im)", COMPLEX)
         raise self._fail(node)
 

@@ -30,11 +30,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 COMPILED: dict[Any, Any] = {}
 # A function that only compiled code calls needs no wrapper for Python, which takes time to compile.
-INNER: dict[str, Any] = {
-    "error_model": "numpy",
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-}
+INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def compiled(function: Function) -> Function:
@@ -82,12 +78,11 @@ def jit(function: Any, callers: tuple[Any, ...] = ()) -> Any:
     if function in callers:
         raise ValueError(f"{function.__qualname__} calls itself, which compiled functions cannot")
     if function not in COMPILED:
-        dispatcher: Any = njit(**INNER)(_with_compiled_callees(function, callers))
+        inner_njit = njit(error_model="numpy", **INNER)
+        dispatcher: Any = inner_njit(_with_compiled_callees(function, callers))
         template = dispatcher.get_call_template
         # numba would compile a function again for each constant that it is called with.
-        dispatcher.get_call_template = lambda args, kws: template(
-            [*map(types.unliteral, args)], kws
-        )
+        dispatcher.get_call_template = lambda args, kw: template([*map(types.unliteral, args)], kw)
         COMPILED[function] = dispatcher
     return COMPILED[function]
 

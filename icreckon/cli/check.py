@@ -119,11 +119,9 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, hints: list[str]) 
 def _verdict(checks: list[Check], contradictions: int) -> str:
     """Headline: how many things contradict the log."""
     if contradictions:
-        text = (
-            "One thing contradicts"
-            if contradictions == 1
-            else f"{contradictions} things contradict"
-        )
+        text = f"{contradictions} things contradict"
+        if contradictions == 1:
+            text = "One thing contradicts"
         end = ". Is this the file of another robot?" if robot_check.is_of_another(checks) else ":"
         return f"{text} the log, worst first{end}\n"
     if not _any_measured(checks):

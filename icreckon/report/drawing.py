@@ -17,7 +17,7 @@ DOTS_PER_INCH = 150
 def drawing(size: tuple[float, float], style: dict[str, Any]) -> Iterator[Figure]:
     """Figure of a size [in]; letters that the font lacks are boxes, without a warning.
 
-    Pages show them as they are; a font that has them can be set in matplotlib's own configuration.
+    Pages contain these letters as they are; matplotlib's configuration can set a font that has them.
     """
     common: Any = {"axes.grid": True, "grid.alpha": 0.3}
     with mpl.rc_context(common | style), warnings.catch_warnings():

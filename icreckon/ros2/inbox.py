@@ -32,11 +32,11 @@ class Received(NamedTuple):
     def arrival(self, now: int) -> int:
         """Time of arrival [ns]: that of the middleware if plausible, else `now`.
 
-        Args:
-            now: present time [ns], of this computer's clock.
+        `now` is the present time of this computer's clock [ns].
         """
         received = int(self.info["received_timestamp"] or 0)
-        return received if received and 0 <= now - received <= LONGEST_QUEUE * 1e9 else now
+        is_plausible = received != 0 and 0 <= now - received <= LONGEST_QUEUE * 1e9
+        return received if is_plausible else now
 
 
 class Queue(NamedTuple):

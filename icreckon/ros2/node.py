@@ -191,9 +191,9 @@ class OdometryNode:
     def _make_publishers(self) -> None:
         options, has_map = self.options, self.live.map is not None
         self._odometry = self._publisher("odom", 100, ros.ODOMETRY)
-        self._map_pose = (
-            self._publisher("pose_in_map", 10, ros.POSE_WITH_COVARIANCE) if has_map else None
-        )
+        self._map_pose = None
+        if has_map:
+            self._map_pose = self._publisher("pose_in_map", 10, ros.POSE_WITH_COVARIANCE)
         self._tf = None
         if options.publish_tf or (options.publish_map_tf and has_map):
             self._tf = self._publisher("/tf", 100, ros.TF, ros.TRANSFORM)
@@ -263,9 +263,8 @@ class OdometryNode:
             min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
         )
         # The handle must be kept: the callback ends with it.
-        self._jump = self.node.get_clock().create_jump_callback(
-            threshold, post_callback=self._on_jump
-        )
+        clock = self.node.get_clock()
+        self._jump = clock.create_jump_callback(threshold, post_callback=self._on_jump)
 
     # --- inputs ------------------------------------------------------------------------------------
 

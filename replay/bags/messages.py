@@ -26,7 +26,7 @@ TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"
 def planar_covariance(covariance: Floats) -> Floats:
     """Expand a covariance (3, 3) of x, y, yaw to a row-major 6x6 one (36,).
 
-    The other axes get `UNUSED_VARIANCE`. It is also used for twists v_x, v_y, w.
+    The other axes get `UNUSED_VARIANCE`. The function also expands those of twists v_x, v_y, w.
     """
     full = NOT_ESTIMATED.copy()
     full[PLANAR_BLOCK] = covariance

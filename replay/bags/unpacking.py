@@ -71,24 +71,27 @@ def _decompress(
     """Decompress frames in sequence, to pieces of at most `UNPACKED_PIECE` bytes.
 
     Raises:
-        ReplayError: the subject, as of `too_large`, unpacks to more than the limit.
+        ReplayError: the subject ("the bag") unpacks to more than the limit.
         EOFError: the last frame is cut short; damage raises the other exceptions of `DAMAGE`.
     """
-    decompressor, is_frame_complete, size = DECOMPRESSORS[compression](), True, 0
-    for piece in pieces:
-        packed = piece
-        # Without `needs_input` there is more unpacked than one piece may have.
+    make_decompressor = DECOMPRESSORS[compression]
+    decompressor = make_decompressor()
+    is_frame_complete = True
+    size = 0
+    for packed in pieces:
+        # A decompressor that needs no input holds more unpacked bytes than one piece may have.
         while packed or not decompressor.needs_input:
             unpacked = decompressor.decompress(packed, max_length=UNPACKED_PIECE)
             size += len(unpacked)
             if size > limit_bytes:
                 raise too_large(subject, limit_bytes)
             yield unpacked
-            packed, is_frame_complete = b"", decompressor.eof
+            packed = b""
+            is_frame_complete = decompressor.eof
             if is_frame_complete:
-                # A decompressor reads one frame; the next one begins in the unused bytes.
+                # A decompressor reads one frame; the next frame begins in the unused bytes.
                 packed = decompressor.unused_data or b""
-                decompressor = DECOMPRESSORS[compression]()
+                decompressor = make_decompressor()
     if not is_frame_complete:
         raise EOFError
 

@@ -181,8 +181,8 @@ def measured_scale(log: Log, robot: Robot, *, with_bends: bool = False) -> Estim
 def true_motion(log: Log, truth: Truth, window: float) -> tuple[Stamps, Floats] | None:
     """Motion of a truth in windows [s]; None if it is too short.
 
-    That is the stamps (n + 1,) between the windows [ns], and the pose (n, 3) at the end of each in that
-    at its start [m, m, rad].
+    Returns the stamps (n + 1,) between the windows [ns], and the pose (n, 3) at the end of each window,
+    relative to the pose at its start [m, m, rad].
     """
     known = truth.poses.stamps
     start, end = max(known[0], log.start), min(known[-1], log.end)

@@ -103,8 +103,8 @@ def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
 def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
     """Roll and pitch of the IMU, by gravity.
 
-    A small tilt turns the mounting of the file. A large one replaces it, yaw and all. It is not corrected
-    if a gyro of the z axis alone would then lie down.
+    A small tilt turns the mounting of the file. A large one replaces it, yaw and all. No tilt is
+    corrected if a gyro of the z axis alone would then lie down.
     """
     if log.imu is None:
         return

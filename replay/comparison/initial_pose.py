@@ -34,9 +34,9 @@ def lateness(log: Log, truth: Truth) -> float:
 
 
 def start_from_truth(log: Log, truth: Truth, reckoned: Trajectory | None) -> Start:
-    """Find the pose of the truth at the start of a log; exact, but for the path before a late truth.
+    """Find the pose of the truth at the start of a log.
 
-    Dead reckoning leads back from the first pose of a truth that begins late.
+    Dead reckoning leads back from the first pose of a truth that begins late. Otherwise it is exact.
     """
     if reckoned is None or not lateness(log, truth):
         pose = interpolate_poses(truth.poses, np.array([log.start]))[0]
@@ -54,7 +54,7 @@ def start_from_truth(log: Log, truth: Truth, reckoned: Trajectory | None) -> Sta
 def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | None) -> Start:
     """Estimate the initial pose in the frame of the fixes.
 
-    It is exactly the origin without fixes, or if the first fixes agree with the origin, as fixes in
+    The pose is exactly the origin without fixes, or if the first fixes agree with the origin, as fixes in
     `odom` do. Otherwise the path from dead reckoning is fitted to the fixes. If neither this nor a
     measured heading gives the yaw, its variance is large, and the filter estimates it in driving.
     """

@@ -208,9 +208,8 @@ def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:
     for (earlier, (_, end)), (later, (start, _)) in pairwise(by_start):
         pause = (start - end) * NANOSECOND
         if abs(pause) < NEXT_PART:
-            place = (
-                f"{abs(pause):.1f} s {'before' if pause < 0.0 else 'after'} the end of {earlier}"
-            )
+            side = "before" if pause < 0.0 else "after"
+            place = f"{abs(pause):.1f} s {side} the end of {earlier}"
             advice = "--one-log reads them as one, if they are parts of one recording"
             yield f"{later} begins {place}: {advice}"
 
@@ -334,9 +333,7 @@ def _ratio(logs: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
             return {}
         joined = bootstrap.pooled_drift(pairs)
         ratio = joined.ratio("other", "first")
-        ratios[f"ratio_{label}"], ratios[f"ratio_{label}_95"] = (
-            ratio.value,
-            drift_table.listed(ratio),
-        )
+        ratios[f"ratio_{label}"] = ratio.value
+        ratios[f"ratio_{label}_95"] = drift_table.listed(ratio)
         ratios[f"segments_{label}"] = len(joined.distances)
     return ratios | {"logs": len(pairs)}

@@ -67,8 +67,12 @@ def summarise(
     log = comparison.log
     scored, holes = scored_intervals(log), holes_of(log)
     filters = [name for name in comparison.runs if not name.endswith(SMOOTHED)]
-    reference, baseline = filters[-1], drift_table.baseline_of(filters)
-    variants, verdict, lever_arm, headline = {}, None, (0.0, 0.0), reference
+    baseline = drift_table.baseline_of(filters)
+    reference = filters[-1]
+    headline = reference
+    verdict = None
+    lever_arm = (0.0, 0.0)
+    variants = {}
     if log.truth is not None:
         truths = truths_of(comparison)
         drifts = comparison_drifts(comparison) if drifts is None else drifts
@@ -187,14 +191,14 @@ def _findings(comparison: Comparison) -> list[str]:
 
 def _scatter_note(healths: list[Health]) -> list[str]:
     """Note on fixes that scatter more than stated, by the filter with most of them."""
-    count = max((health.times.get("scattering", 0) for health in healths), default=0)
-    if not count:
+    most = max((health.times.get("scattering", 0) for health in healths), default=0)
+    if not most:
         return []
-    lasting = (finding for health in healths for finding in health.findings)
-    sigmas = sorted(finding.size or 0.0 for finding in lasting if finding.fault == "scattering")
+    final = (finding for health in healths for finding in health.findings)
+    sigmas = sorted(finding.size or 0.0 for finding in final if finding.fault == "scattering")
     median = f", at the end {sigmas[len(sigmas) // 2]:.2g} m" if sigmas else ""
     return [
-        f"position fixes scatter more than stated: {count} were used with a larger sigma{median}; set "
+        f"position fixes scatter more than stated: {most} were used with a larger sigma{median}; set "
         "least_sigma in [log.fixes], or wander_sigma and wander_time where inspect proposes them"
     ]
 
@@ -202,7 +206,7 @@ def _scatter_note(healths: list[Health]) -> list[str]:
 def fix_correlation(run: Run) -> float | None:
     """Correlation of successive normalised innovations of a run's position fixes.
 
-    It is the mean over the axes x and y with at least `ENOUGH_FIXES` innovations; None without any.
+    The mean is over the axes x and y with at least `ENOUGH_FIXES` innovations; None without any.
     """
     by_axis = []
     for name in ("position_x", "position_y"):

@@ -77,9 +77,8 @@ def scores(
     results[nees_key] = float(nees.mean()) if has_nees else math.nan
     results["nees_poses"] = len(nees) if has_nees else 0
     end = np.array([min(truth.poses.stamps[-1], estimate.stamps[-1])])
-    x, y, yaw = (
-        interpolate_poses(estimate.pose_series, end) - interpolate_poses(truth.poses, end)
-    )[0]
+    estimated, true = (interpolate_poses(of, end)[0] for of in (estimate.pose_series, truth.poses))
+    x, y, yaw = estimated - true
     results["final_position_error_m"] = float(np.hypot(x, y))
     yaw_error = float(np.degrees(wrap_angle(yaw)))
     results["final_yaw_error_deg"] = yaw_error if truth.headings else math.nan

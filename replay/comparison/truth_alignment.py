@@ -124,7 +124,9 @@ def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
     A filter's base_link is its mean turning centre, which depends on its model and parameters. The same
     truth therefore has another lever arm for each filter.
     """
-    lever, headings, series = np.zeros(2), None, truth.poses
+    lever = np.zeros(2)
+    headings = None
+    series = truth.poses
     # The point's path is not that of base_link: its headings are found again without the lever arm.
     for _ in range(1 if truth.headings else ROUNDS):
         if not truth.headings:
@@ -135,10 +137,12 @@ def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
         correction = _lever_arm(series, reckoned.pose_series)
         poses = series.poses.copy()
         poses[:, :2] -= rotate(correction, poses[:, 2])
-        lever, series = lever + correction, replace(series, poses=poses)
+        lever = lever + correction
+        series = replace(series, poses=poses)
     series, tilt = levelled(series, reckoned)
-    arm, aligned = (float(lever[0]), float(lever[1])), replace(truth, poses=series)
-    return TruthAlignment(0.0, arm, aligned, headings=headings, tilt=tilt)
+    lever_arm = (float(lever[0]), float(lever[1]))
+    aligned = replace(truth, poses=series)
+    return TruthAlignment(0.0, lever_arm, aligned, headings=headings, tilt=tilt)
 
 
 def own_alignment(common: TruthAlignment, reckoned: Trajectory) -> TruthAlignment:

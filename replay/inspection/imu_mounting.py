@@ -28,9 +28,8 @@ CLEAR_SCORE = 0.4  # smallest sum of two correlations at which a yaw of the moun
 class Mounting:
     """Mounting and noise of an IMU, estimated from a log."""
 
-    rotation_rpy_deg: tuple[
-        float, float, float
-    ]  # roll, pitch to level it, yaw to the next 90 deg [deg]
+    # roll, pitch to level it, yaw to the next 90 deg [deg]
+    rotation_rpy_deg: tuple[float, float, float]
     up_shown_by: str  # evidence of the vertical: "gravity", "turning", or "" for none
     yaw_shown: bool  # whether the track speeds show that yaw; otherwise it is unknown, and set to 0
     specific_force: Floats | None  # (3,) mean in the IMU's axes [m/s²], None without accelerometers
@@ -205,9 +204,9 @@ def _density_while_driving(
 ) -> float | None:
     """Noise density of horizontal specific forces beyond the change of speed and v w.
 
-    It is the larger of two [m/s²/√Hz]: of neighbouring samples (fast vibration), and of means over
-    `SMOOTHING` (with slopes and shocks). None if it hardly drives. `step` is the interval of the IMU's
-    samples [s]; the other arguments are as for `forward_yaw`.
+    The density is the larger of two [m/s²/√Hz]: of neighbouring samples (fast vibration), and of means
+    over `SMOOTHING` (with slopes and shocks). None if it hardly drives. `step` is the interval of the
+    IMU's samples [s]; the other arguments are as for `forward_yaw`.
     """
     driving = ~is_still
     if driving.sum() <= 10:

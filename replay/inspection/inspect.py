@@ -297,8 +297,7 @@ def guess_mapping(
 
 
 def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:
-    """Latencies of tracks and truth against the gyro, by purpose."""
-    # Headings of a truth that do not fit its path are not used.
+    """Latencies of tracks and truth against the gyro, by purpose; {} without a gyro."""
     if log.imu is None or vertical is None:
         return {}
     found: dict[str, Lag | NoLag] = {}
@@ -307,7 +306,7 @@ def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:
     truth = log.truth
     if truth is not None:
         if truth.headings and heading_fault(truth) is not None:
-            truth = truth.positions_alone()
+            truth = truth.positions_alone()  # the headings do not fit the path
         found["truth"] = truth_lag(truth, log.tracks, log.imu, vertical)
     return found
 
@@ -347,20 +346,18 @@ def _survey_files(
 
 
 def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_survey.TopicReport]:
-    """Report each column; numbers with their spacing in time, if that is known."""
-    # Texts, and times that cannot be read, have no spacing.
-    stamps = has_time = None
+    """Report each column; times and numbers with their spacing in time, if known."""
+    spacings: dict[str, dict[str, Any]] = {}
+    numeric = [column.name for column in table.columns if column.is_number]
     if columns is not None and table.has([columns.time]):
-        with suppress(ReplayError):
+        with suppress(ReplayError):  # no spacing is known if the times cannot be read
             stamps, has_time = table.stamps(columns.time, columns.time_unit)
+            for name in numeric:
+                has_number = ~np.isnan(table.numbers([name])[:, 0])
+                spacings[name] = topic_survey.spacing(stamps[has_time & has_number])
+            spacings[columns.time] = topic_survey.spacing(stamps[has_time])
     for column in table.columns:
-        spacing = {}
-        if columns is not None and stamps is not None:
-            with suppress(ReplayError):
-                has_value = has_time
-                if column.name != columns.time:
-                    has_value = has_time & ~np.isnan(table.numbers([column.name])[:, 0])
-                spacing = topic_survey.spacing(stamps[has_value])
+        spacing = spacings.get(column.name, {})
         name, kind, file = column.name, column.kind, table.path.name
         yield topic_survey.TopicReport(name, kind, file, column.filled, **spacing)
 

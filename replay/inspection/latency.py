@@ -49,9 +49,9 @@ def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) ->
 
 
 def truth_lag(truth: Truth, tracks: TrackSpeedSeries, imu: ImuSeries, rate: Floats) -> Lag | NoLag:
-    """Estimate the lag of a truth, by its headings or its places."""
-    # Headings are compared with the gyro. A truth without them is compared with the path by the tracks,
-    # whose speeds may have any unit. `rate` (n,) is that of the IMU about the vertical [rad/s].
+    """Estimate the lag of a truth by its headings, or else by its positions."""
+    # Headings are compared with the gyro: `rate` (n,) is the IMU's rate about the vertical [rad/s].
+    # Positions are compared with the path of tracks and gyro; the track speeds may have any unit.
     if truth.headings:
         return find_lag(heading_of(truth.poses), turned(imu.stamps, rate), least=LEAST_TURN)
     if not len(tracks.stamps):

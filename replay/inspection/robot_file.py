@@ -29,14 +29,8 @@ shows, since the ground changes it [-]."""
 USUAL_DIFFERENCE_SIGMA = 0.02  # sigma of an unmeasured difference of the radii [-]
 STANDING_BIAS_SIGMA = 0.002  # sigma of a standstill's gyro bias, for other logs [rad/s]
 FILL_IN = "# not in the log: fill in"
-CHECKED = (
-    "unit",
-    "wrap",
-    "time_unit",
-    "rate_unit",
-    "acceleration_unit",
-    "yaw_unit",
-)  # guessed keys
+CHECKED = ("unit", "wrap", "time_unit", "rate_unit", "acceleration_unit", "yaw_unit")
+"""Guessed keys."""
 CLEAR_SIGN = 0.3  # least correlation of tracks and gyro that shows the sign of turning [-]
 MARGIN = 1.2  # highest speed of a robot over the fastest in a log [-]
 
@@ -84,14 +78,15 @@ class LogEstimates:
     @property
     def effective_track(self) -> float | None:
         """Effective track by the gyro [m]; None without radius or gauge of a controller."""
-        scale: float | None = 1.0
+        # Speeds from a twist are read with a gauge of 1 m, rates with a radius of 1 m: the true one [m].
+        unit: float | None = 1.0  # [-] if the speeds are read as they are
         if self.from_twist:
-            scale = self.sizes.controller_gauge
+            unit = self.sizes.controller_gauge
         elif self.mapping.in_rates:
-            scale = self.sizes.radius or self.wheels.distance_ratio
-        if self.wheels.track_ratio is None or scale is None:
+            unit = self.sizes.radius or self.wheels.distance_ratio
+        if self.wheels.track_ratio is None or unit is None:
             return None
-        return self.wheels.track_ratio * scale
+        return self.wheels.track_ratio * unit
 
 
 def robot_file_text(path: Path, estimates: LogEstimates) -> str:
@@ -143,13 +138,13 @@ def _vehicle_lines(estimates: LogEstimates) -> list[str]:
 
 
 def _radius_line(estimates: LogEstimates) -> str:
-    """Key sprocket_radius: the effective radius, if the track speeds are rates."""
+    """Line of the key sprocket_radius: the effective radius, for tracks in rates."""
     if estimates.mapping.track_keys is not None and not estimates.mapping.in_rates:
         return "sprocket_radius = 0.1    # not used for this log"
     wheels = estimates.wheels
-    radius, sigma = wheels.distance_ratio, wheels.distance_sigma
-    if radius is None:
+    if wheels.distance_ratio is None:
         return f"sprocket_radius = nan    {FILL_IN} (m, effective)"
+    radius, sigma = wheels.distance_ratio, wheels.distance_sigma
     error = "" if sigma is None else f" ± {sigma:.2g}"
     by_source = f"by the {wheels.distance_source} where it hardly turned"
     if sigma is not None and sigma > ROUGH_RADIUS * radius:

@@ -129,7 +129,7 @@ class LiveInputs:
     def missing_joints(self, now: int) -> str:
         """Text on mapped joints that no message has had so far; empty if there are none.
 
-        It is empty, too, until `now` [ns] is `LONGEST_WAIT` after the first message.
+        The text is empty, too, until `now` [ns] is `LONGEST_WAIT` after the first message.
         """
         stream = self._streams["tracks"]
         first, reader = self.heard.get(stream.topic), stream.readers.get(JOINT_STATE)

@@ -30,13 +30,16 @@ NEEDS = (
 def missing_manoeuvres(
     names: Iterable[str], sigmas: Iterable[float], *, fixes: bool = False
 ) -> list[str]:
-    """Manoeuvres by which uncertain states become known, each with these states.
+    """List manoeuvres by which uncertain states become known, each with these states.
 
-    Standard deviations of states that are not estimated are 0. `fixes`: the robot has position fixes.
+    `sigmas` are standard deviations of the states `names`, 0 if a state is not estimated; `fixes` is True
+    for a robot with position fixes.
     """
-    sigma_of, unknown = dict(zip(names, sigmas, strict=False)), dict[str, list[str]]()
+    sigma_of = dict(zip(names, sigmas, strict=False))
+    states_of: dict[str, list[str]] = {}
     for need in NEEDS:
-        if sigma_of.get(need.state, 0.0) > need.enough and fixes >= need.fixes:
+        is_possible = fixes or not need.fixes
+        if is_possible and sigma_of.get(need.state, 0.0) > need.enough:
             text = f"{need.state} ± {sigma_of[need.state]:.2g}{need.unit}"
-            unknown.setdefault(need.manoeuvre, []).append(text)
-    return [f"{manoeuvre} ({', '.join(texts)})" for manoeuvre, texts in unknown.items()]
+            states_of.setdefault(need.manoeuvre, []).append(text)
+    return [f"{manoeuvre} ({', '.join(states)})" for manoeuvre, states in states_of.items()]

@@ -253,7 +253,8 @@ class LiveOdometry:
                 saved, robot, variant, off=off, settings=settings, latencies=latencies
             )
         except EstimatorError as problem:
-            self.warm, self.set_aside = False, f"{problem}. {_set_aside(saved)}"
+            self.warm = False
+            self.set_aside = f"{problem}. {_set_aside(saved)}"
         return cold
 
     def _process(self, measurements: list[Measurement]) -> list[LiveEstimate]:

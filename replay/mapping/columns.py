@@ -1,6 +1,6 @@
 """Column map: columns of a table (CSV, Parquet) for each stream.
 
-It is the `[log.columns]` table of a robot file.
+The map is the `[log.columns]` table of a robot file.
 """
 
 from typing import Annotated, Literal

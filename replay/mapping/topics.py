@@ -1,7 +1,7 @@
 """Topic mapping: topics of a bag for each stream.
 
-It is the `[log]` table of a robot file. If that table cannot describe a written bag, the bag holds its
-own mapping, as JSON on `MAPPING_TOPIC`.
+The mapping is the `[log]` table of a robot file. If that table cannot describe a written bag, the bag
+holds its own mapping, as JSON on `MAPPING_TOPIC`.
 """
 
 import re

@@ -63,7 +63,7 @@ def imu_reader(spec: ImuTopic) -> RowReader:
 def pose_rows(spec: FixTopic | PoseColumns, rows: Floats) -> Floats:
     """Rows as of `message_rows.POSE_READERS`, or `GEODETIC_READERS`.
 
-    They are made of rows (n, k) with the fields or columns `spec.names`.
+    The result is made of rows (n, k) with the fields or columns `spec.names`.
     """
     values = dict(zip(spec.names, rows.T, strict=True))
     unknown = np.full(len(rows), np.nan)

@@ -48,6 +48,17 @@ class Gathered:
     notes: list[str] = field(default_factory=list)  # findings about the files, for the user
     truth_source: str | None = None  # name of the truth's reference system in the files, or None
 
+    def add(self, of_file: "Gathered") -> None:
+        """Add what one more file holds; streams of the same purpose become one."""
+        self.notes += of_file.notes
+        self.truth_source = self.truth_source or of_file.truth_source
+        self.found.update(of_file.found)
+        for purpose, stream in of_file.streams.items():
+            if purpose in self.streams:
+                self.streams[purpose].extend(stream)
+            else:
+                self.streams[purpose] = stream
+
 
 def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
     """Convert one or several paths, which make one log, to a list.
@@ -113,37 +124,30 @@ def gather(
     definitions: Definitions = (),
     progress: Progress | None = None,
 ) -> Gathered:
-    """Read the streams of a mapping.
+    """Read the streams of a mapping from the files of one log.
+
+    A bag's own mapping replaces `mapping` unless `own_mapping` is False; `progress` is called with the
+    share of the files that is read, from 0 to 1.
 
     Raises:
         ReplayError: no bag or table, no track speeds although mapped, or an unsupported message type.
     """
-    result, report = Gathered(source_name(paths), mapping), progress or (lambda _: None)
+    result = Gathered(source_name(paths), mapping)
     bags = [path for path in paths if path.is_dir() or not is_table(path)]
     if own_mapping:
         _use_own_mapping(result, bags, definitions)
 
-    def share_of(number: int) -> Progress:
-        return lambda done: report((number + done) / len(paths))
+    def report(number: int, share: float) -> None:
+        if progress is not None:
+            progress((number + share) / len(paths))
 
+    read_bag = partial(_of_bag, mapping=result.mapping, definitions=definitions)
     for number, path in enumerate(paths):
         if path in bags:
-            read = partial(
-                _of_bag,
-                path=path,
-                mapping=result.mapping,
-                definitions=definitions,
-                report=share_of(number),
-            )
-            of_file = over_bag(path, read)
+            read = partial(read_bag, path=path, report=partial(report, number))
+            result.add(over_bag(path, read))
         else:
-            of_file = _of_table(path, result.mapping)
-        result.notes += of_file.notes
-        result.truth_source = result.truth_source or of_file.truth_source
-        result.found.update(of_file.found)
-        for purpose, stream in of_file.streams.items():
-            if (first := result.streams.setdefault(purpose, stream)) is not stream:
-                first.extend(stream)
+            result.add(_of_table(path, result.mapping))
     _check_all_there(result, bags, paths)
     if bags:
         result.notes += _left_out(result)
@@ -242,10 +246,8 @@ def wanted_streams(
 
     def pose_stream(purpose: str, mapped: FixTopic | TruthTopic) -> Stream:
         if mapped.frames is not None:
-            topic, time, frames = mapped.topic, mapped.time, mapped.frames
-            return TransformStream(
-                purpose, topic, source, time, definitions=definitions, frames=frames
-            )
+            tf_stream = partial(TransformStream, definitions=definitions, frames=mapped.frames)
+            return tf_stream(purpose, mapped.topic, source, mapped.time)
         if isinstance(mapped, FixTopic) and mapped.names:
             by_field = field_reader(mapped.names, partial(pose_rows, mapped))
             return stream(purpose, mapped.topic, mapped.time, {}, by_field)

@@ -87,10 +87,9 @@ class Table:
         if twice:
             named = ", ".join(map(repr, twice[:MOST_NAMED]))
             raise ReplayError(f"{path}: several columns are named {named}")
-        self._table = self._table.rename_columns(names[: self._table.num_columns])
-        self._others = dict(
-            zip(names[self._table.num_columns :], self._others.values(), strict=True)
-        )
+        count = self._table.num_columns
+        self._table = self._table.rename_columns(names[:count])
+        self._others = dict(zip(names[count:], self._others.values(), strict=True))
         if not self._table.num_rows:
             raise ReplayError(f"{path}: the table has no rows")
         self.notes = [f"{path.name}: {note}" for note in notes]
@@ -118,10 +117,9 @@ class Table:
                 continue
             texts = compute.utf8_trim_whitespace(column.cast(pa.string()))
             empty = compute.or_(cells.where, compute.equal(texts, "")).fill_null(True)
+            no_text = pa.scalar(None, pa.string())
             try:
-                numbers = compute.if_else(empty, pa.scalar(None, pa.string()), texts).cast(
-                    pa.float64()
-                )
+                numbers = compute.if_else(empty, no_text, texts).cast(pa.float64())
             except pa.ArrowInvalid:
                 continue
             self._table = self._table.set_column(place, name, numbers)

@@ -118,12 +118,11 @@ class _Assembly:
         )
 
     def _spec(self, stream: Stream) -> Any:
-        """Entry of the mapping for a stream: its columns, or its topic."""
+        """Entry of the mapping for a stream: columns of a table, or a topic of a bag."""
         mapping = self.gathered.mapping
-        table = mapping.columns if stream.from_table else None
-        # The true track speeds come by the joints of the measured ones.
-        purpose = stream.purpose.removeprefix("truth ")
-        return getattr(mapping if table is None else table, purpose)
+        entries = mapping.columns if stream.from_table else mapping
+        # True track speeds have the joints, and so the entry, of the measured ones.
+        return getattr(entries, stream.purpose.removeprefix("truth "))
 
     def _arrays(self, stream: Stream, width: int) -> tuple[Stamps, Floats]:
         stamps, rows = self._ordered(stream)
@@ -221,23 +220,23 @@ class _Assembly:
         for reason, count in lost.items():
             stream.lose(reason, count)
         if not len(stamps):
-            self.notes.append(
-                f"no usable difference for {stream.purpose} on topic {stream.topic!r}"
-            )
+            note = f"no usable difference for {stream.purpose} on topic {stream.topic!r}"
+            self.notes.append(note)
         return stamps, speeds
 
     def _joints_hint(self, stream: Stream) -> str:
-        reader, mapped = stream.readers.get(JOINT_STATE), self.gathered.mapping.tracks
+        """Text on the wanted and the found joints of a stream; "" for other types."""
+        reader = stream.readers.get(JOINT_STATE)
+        mapped = self.gathered.mapping.tracks
         if stream.msgtype != JOINT_STATE or mapped is None or not isinstance(reader, JointReader):
             return ""
-        wanted, found = ", ".join(mapped.names), ", ".join(sorted(reader.seen))
+        wanted = ", ".join(mapped.names)
+        found = ", ".join(sorted(reader.seen)) or "no joints"
         field_name = "positions" if mapped.unit in COUNTER_UNITS else "velocities"
-        return (
-            f"; wanted are the {field_name} of the joints {wanted}, found were "
-            f"{found or 'no joints'}"
-        )
+        return f"; wanted are the {field_name} of the joints {wanted}, found were {found}"
 
     def _imu(self, stream: Stream) -> series.ImuSeries | None:
+        """IMU samples, without specific forces if no row has any; None if none is usable."""
         stamps, rows = self._arrays(stream, 6)
         rates, forces = rows[:, :3], rows[:, 3:]
         has_forces = bool(len(forces)) and not np.isnan(forces).all()

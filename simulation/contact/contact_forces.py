@@ -42,9 +42,8 @@ class Ground(NamedTuple):
     half_gauge: float  # L / 2 [m]
     # half width, rear and front end of the rectangle around all points [m]
     outline: tuple[float, float, float]
-    friction: (
-        Floats  # (2, 2) coefficients across and along the track, of the left and the right one [-]
-    )
+    # (2, 2) coefficients across and along the track, of the left and the right track [-]
+    friction: Floats
     rolling_resistance: Floats  # (2,) coefficients of the left and the right track [-]
     shear_modulus: float  # K [m], 0 for full friction at any slip
     small: float  # regularising speed [m/s]
@@ -120,54 +119,54 @@ def add_track_forces(
 ) -> None:
     """Add the ground's force and moment on both tracks, and their derivatives.
 
-    They are added to `values` (3,) [N, N, N m] and `jacobian` (3, COLUMNS). The tuples `twist` and
+    Both are added to `values` (3,) [N, N, N m] and `jacobian` (3, COLUMNS). The tuples `twist` and
     `speeds` are v_x, v_y [m/s], w [rad/s], and V_l, V_r of the left and the right track [m/s].
     """
     v_x, v_y, w = twist
     V_l, V_r = speeds
     loads, by_right, by_forward = pressing
     count = len(ground.x) // 2
-    small = ground.small
     sheared = ground.shear_modulus > 0.0
     for track in range(2):
         V = V_r if track else V_l
+        V_column = 3 + track
         mu_x, mu_y = ground.friction[track]
-        V_column, zero = 3 + track, 0.0 * V
-        load, f_x, f_y, moment = zero, zero, zero, zero
+        zero = 0.0 * V  # keeps the type, which may be complex
+        # Sums over the points: load, friction, and their derivatives by the force right and forward.
+        load = f_x = f_y = moment = zero
+        right_load = right_x = right_y = right_moment = zero
+        forward_load = forward_x = forward_y = forward_moment = zero
         # Sums of the derivatives k_xx, k_xy, k_yy of friction by slip; xx_y is the sum of k_xx y.
-        xx, xx_y, xx_yy, yy, yy_x, yy_xx = zero, zero, zero, zero, zero, zero
-        xy, xy_x, xy_y, xy_xy = zero, zero, zero, zero
-        right_load, right_x, right_y, right_moment = zero, zero, zero, zero
-        forward_load, forward_x, forward_y, forward_moment = zero, zero, zero, zero
+        xx = xx_y = xx_yy = yy = yy_x = yy_xx = xy = xy_x = xy_y = xy_xy = zero
         for i in range(track * count, (track + 1) * count):
             x, y, p = ground.x[i], ground.y[i], loads[i]
-            # Slip velocity times friction, its direction, and the friction force per load.
+            # Slip velocity times friction (u), its direction (e), and the friction force per load (t).
             u_x, u_y = mu_x * (v_x - y * w), mu_y * (v_y + x * w - V)
-            scale = 1.0 / np.sqrt(u_x * u_x + u_y * u_y + mu_x * mu_y * small * small)
+            scale = 1.0 / np.sqrt(u_x * u_x + u_y * u_y + mu_x * mu_y * ground.small * ground.small)
             e_x, e_y = u_x * scale, u_y * scale
             t_x, t_y = mu_x * e_x, mu_y * e_y
             p_over_slip = p * scale
             if sheared:
                 h, h_x, h_y, h_w, h_V = _mobilised(ground, x, y, v_x, v_y, w, V)
-                # The product rule's other half: the effect of the shear displacement.
+                # By the product rule: the mobilised share h has derivatives h_x, h_y, h_w, h_V as well.
                 for column, h_by in ((0, h_x), (1, h_y), (2, h_w), (V_column, h_V)):
                     jacobian[0, column] -= p * t_x * h_by
                     jacobian[1, column] -= p * t_y * h_by
                     jacobian[2, column] -= p * (x * t_y - y * t_x) * h_by
                 t_x, t_y, p_over_slip = t_x * h, t_y * h, p_over_slip * h
-            turning = x * t_y - y * t_x
+            arm = x * t_y - y * t_x  # moment per load
             load += p
             f_x += p * t_x
             f_y += p * t_y
-            moment += p * turning
+            moment += p * arm
             right_load += by_right[i]
             right_x += by_right[i] * t_x
             right_y += by_right[i] * t_y
-            right_moment += by_right[i] * turning
+            right_moment += by_right[i] * arm
             forward_load += by_forward[i]
             forward_x += by_forward[i] * t_x
             forward_y += by_forward[i] * t_y
-            forward_moment += by_forward[i] * turning
+            forward_moment += by_forward[i] * arm
             k_xx = mu_x * mu_x * p_over_slip * (1.0 - e_x * e_x)
             k_xy = -mu_x * mu_y * p_over_slip * e_x * e_y
             k_yy = mu_y * mu_y * p_over_slip * (1.0 - e_y * e_y)

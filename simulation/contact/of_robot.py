@@ -53,8 +53,8 @@ def slow_turns(contact: Contact) -> IndexValues:
 def robot_remarks(robot: Robot, truth: str) -> list[str]:
     """Return warnings about a robot file that makes friction simulations misleading.
 
-    It has a centre of mass without height, or an eta0 far from that of its contact. `truth` is the name
-    of the scenario's truth; only `FRICTION` has warnings.
+    Such a file has a centre of mass without height, or an eta0 far from that of its contact. `truth` is
+    the name of the scenario's truth; only `FRICTION` has warnings.
     """
     if truth != FRICTION:
         return []

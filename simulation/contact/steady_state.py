@@ -62,9 +62,8 @@ class SteadyMotion:
     # gauge) [-]
     residual: Floats
     converged: NDArray[np.bool_]  # True if the residual is at most `CONVERGED`
-    tipping: NDArray[
-        np.bool_
-    ]  # True if the force of inertia points outside the contact: it would tip
+    # True if the force of inertia points outside the contact: the vehicle would tip
+    tipping: NDArray[np.bool_]
 
     def require_converged(self) -> Self:
         """Return the motions if all converged.

@@ -8,6 +8,7 @@ a longer one from the same seed begins like the shorter.
 """
 
 from collections.abc import Callable
+from itertools import cycle
 from typing import Annotated
 
 import msgspec
@@ -81,11 +82,14 @@ def figure_eight(
     mean, half = speed * top, abs(turn) * top
     edge_s = blend_duration(2.0 * half)
     circle_s = np.pi * robot.vehicle.track_gauge * robot.indices.eta0 / half + EDGE_LOSS * edge_s
-    events, start, side = [], STANDSTILL, 1.0 if turn > 0.0 else -1.0
+    events = []
+    start = STANDSTILL
+    side = 1.0 if turn > 0.0 else -1.0  # 1 for a circle to the left, -1 to the right
     while True:
         events.append((start, mean - side * half, mean + side * half))
         ramp_s = blend_duration(abs(mean) + half) if start == STANDSTILL else edge_s
-        start, side = start + max(circle_s, ramp_s), -side
+        start += max(circle_s, ramp_s)
+        side = -side
         if start > duration:
             return blends(events)
 
@@ -150,7 +154,7 @@ def random_driving(
 def aggressive(duration: float, robot: Robot, rng: Generator, *, hold: NotNegative = 0.7) -> Blends:
     """Random track speeds, uniform over the full range, reverse included.
 
-    They are held for an exponentially distributed time of mean `hold` [s].
+    Each pair is held for an exponentially distributed time of mean `hold` [s].
     """
     top = robot.vehicle.max_track_speed
 
@@ -212,12 +216,14 @@ def stop_and_go(
     """
     top = robot.vehicle.max_track_speed
     ramp = blend_duration((abs(speed) + abs(turn)) * top)
-    events, start, drives = [], STANDSTILL, 0
-    while start <= duration:
-        half = (0.0, turn, -turn)[drives % 3]
+    events = []
+    start = STANDSTILL
+    for half in cycle((0.0, turn, -turn)):
+        if start > duration:
+            break
         events.append((start, (speed - half) * top, (speed + half) * top))
         events.append((start + ramp + drive, 0.0, 0.0))
-        start, drives = start + 2.0 * ramp + drive + rest, drives + 1
+        start = start + 2.0 * ramp + drive + rest
     return blends(events or [(STANDSTILL, 0.0, 0.0)])  # a run may end before the first drive
 
 
@@ -225,13 +231,16 @@ def _random_blends(
     duration: float, rng: Generator, draw: Callable[[], tuple[float, float]], hold: float
 ) -> Blends:
     """Blends to drawn speeds, each held for an exponential time of mean `hold` [s]."""
-    events, start, before = [], STANDSTILL, (0.0, 0.0)
-    # A hold of -0.0 is allowed, but none of numpy's: hence abs.
+    events = []
+    start = STANDSTILL
+    before = (0.0, 0.0)
     while True:
         target = draw()
         events.append((start, *target))
         change = max(abs(target[0] - before[0]), abs(target[1] - before[1]))
-        start, before = start + blend_duration(change) + rng.exponential(abs(hold)), target
+        # A hold of -0.0 is allowed here, but not by numpy: hence abs.
+        start = start + blend_duration(change) + rng.exponential(abs(hold))
+        before = target
         if start > duration:
             return blends(events)
 

@@ -62,9 +62,8 @@ def recorded(
         SimulationError: fewer than two samples, a number that is not finite, times that do not rise,
             or times that span more than `LONGEST_RECORDING`.
     """
-    _check_samples(
-        np.asarray(series.stamps * NANOSECOND), series.speeds, "the recorded track speeds"
-    )
+    times = np.asarray(series.stamps * NANOSECOND)
+    _check_samples(times, series.speeds, "the recorded track speeds")
     elapsed_s = (series.stamps - series.stamps[0]) * NANOSECOND
     speeds = factor * series.speeds
     start = STANDSTILL + blend_duration(np.abs(speeds[0]).max())

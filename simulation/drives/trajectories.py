@@ -51,9 +51,8 @@ def trajectory_names() -> list[str]:
 def trajectory_options(name: str) -> dict[str, float | None]:
     """Options of a trajectory with defaults; None stands for the robot file's value."""
     parameters = inspect.signature(_maker(name)).parameters.values()
-    return {
-        option.name: option.default for option in parameters if option.kind is option.KEYWORD_ONLY
-    }
+    options = (option for option in parameters if option.kind is option.KEYWORD_ONLY)
+    return {option.name: option.default for option in options}
 
 
 def check_trajectory(
@@ -66,9 +65,8 @@ def check_trajectory(
             is not allowed, alone or in combination; a recording for a trajectory that uses none.
     """
     if name not in trajectory_names():
-        raise SimulationError(
-            f"no trajectory named {name!r}{nearest_hint(name, trajectory_names())}"
-        )
+        hint = nearest_hint(name, trajectory_names())
+        raise SimulationError(f"no trajectory named {name!r}{hint}")
     if recording is not None and name != RECORDED:
         raise SimulationError(
             f"a recording was given, but trajectory = {name!r}; set trajectory = {RECORDED!r}"

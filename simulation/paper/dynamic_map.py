@@ -67,8 +67,8 @@ def map_of(motion: SteadyMotion, vehicle: VehicleConstants) -> DynamicMap:
     turning_twist = PaperTwist(*(np.where(turning, part, np.nan) for part in motion.twist))
     icrs = icrs_from_twist(motion.V_l, motion.V_r, turning_twist)
     inertia = inertial_force(motion.twist, vehicle.mass, vehicle.x_CM, vehicle.y_CM)
-    indices, magnitude = indices_from_icrs(icrs, vehicle.gauge), np.hypot(*inertia)
-    return DynamicMap(motion, vehicle, turning, icrs, indices, inertia, magnitude)
+    indices = indices_from_icrs(icrs, vehicle.gauge)
+    return DynamicMap(motion, vehicle, turning, icrs, indices, inertia, np.hypot(*inertia))
 
 
 def on_spot_line(mapped: DynamicMap) -> float:

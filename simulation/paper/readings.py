@@ -110,9 +110,10 @@ def read_errors(
     """
     # Index of the motions that count: all (...), or the mask of those that turn.
     counted = ... if reading.straight else mapped.turning
+    true = mapped.motion.twist
     by_inertia = inertia_based_twist(mapped, parameters, reading.inertia)
-    by_constant, truth = constant_twist(mapped, icrs), mapped.motion.twist
-    return VelocityErrors(rmse(by_inertia, truth, counted), rmse(by_constant, truth, counted))
+    by_constant = constant_twist(mapped, icrs)
+    return VelocityErrors(rmse(by_inertia, true, counted), rmse(by_constant, true, counted))
 
 
 def _chosen(mapped: DynamicMap, reading: Reading) -> NDArray[np.bool_]:

@@ -90,17 +90,21 @@ def paper_map(parameters: ContactParameters, *, count: int = 21) -> DynamicMap:
 def numbers(
     mapped: DynamicMap, reading: Reading
 ) -> tuple[dict[str, float], ConstantIcr, Indices, VelocityErrors]:
-    """Reproduced value of every published number, by its name, and their sources.
+    """Reproduce every published number, by its name, in the unit of `published`.
+
+    The constant ICRs, the index parameters and the errors of Table II, from which the numbers are taken,
+    are returned as well.
 
     Raises:
         SimulationError: the map gives no valid ICRs or parameters.
     """
-    icrs, parameters = read_means(mapped, reading), read_parameters(mapped, reading)
+    icrs = read_means(mapped, reading)
+    parameters = read_parameters(mapped, reading)
     errors = read_errors(mapped, parameters, icrs, reading)
     values = {f"mean_{name}": value for name, value in msgspec.structs.asdict(icrs).items()}
     values |= msgspec.structs.asdict(parameters)
-    for model, of_model in (("inertia", errors.inertia_based), ("constant", errors.constant)):
-        values |= {f"rmse_{model}_{part}": value for part, value in of_model._asdict().items()}
+    for model, rmse in (("inertia", errors.inertia_based), ("constant", errors.constant)):
+        values |= {f"rmse_{model}_{axis}": value for axis, value in rmse._asdict().items()}
     values["largest_eta"] = float(np.nanmax(mapped.indices.eta))
     return values, icrs, parameters, errors
 

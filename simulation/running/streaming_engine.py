@@ -32,14 +32,8 @@ from icreckon.simulation.truth.true_motion import TrueMotion
 
 KEPT_MOTIONS = 2 * DEFAULT_TRUTHS  # true motions kept in memory; cells of a sweep mostly share them
 # Keys of a scenario that do not affect the true motion.
-SENSED = (
-    "noise",
-    "track_rate",
-    "truth_rate",
-    "fix_rate",
-    "outages",
-    *SensorSpecs.__struct_fields__,
-)
+RATES = ("track_rate", "truth_rate", "fix_rate")
+SENSED = ("noise", *RATES, "outages", *SensorSpecs.__struct_fields__)
 
 
 def block(

@@ -182,11 +182,9 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         labels = [spec.label for spec in self.filters()]
         if not labels:
             raise SimulationError("a study needs variants; give at least one")
-        twice = [label for label in labels if labels.count(label) > 1]
-        if twice:
-            raise SimulationError(
-                f"two variants are labelled {twice[0]!r}; give each its own label"
-            )
+        same = [label for label in labels if labels.count(label) > 1]
+        if same:
+            raise SimulationError(f"two variants are labelled {same[0]!r}; give each its own label")
         if self.baseline is not None and self.baseline not in labels:
             hint = nearest_hint(self.baseline, labels)
             raise SimulationError(f"no variant labelled {self.baseline!r} to be the baseline{hint}")
@@ -195,10 +193,9 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     def filters(self) -> tuple[FilterSpec, ...]:
         """Filters in full."""
-        specs = (
+        return tuple(
             FilterSpec(variant=spec) if isinstance(spec, str) else spec for spec in self.variants
         )
-        return tuple(specs)
 
     @property
     def true_motions(self) -> int:

@@ -223,9 +223,11 @@ def _final_errors(runs: Runs) -> list[dict[str, Any]]:
     """Percentiles of the final position error, for distant groups of the first axis."""
     plan = runs.plan
     column = [statistic.name for statistic in runs.statistics].index(FINAL_ERROR)
-    groups, axis = [Group("all runs", "", tuple(cell.index for cell in plan.cells))], ""
+    axis_name = ""
+    groups = [Group("all runs", "", tuple(cell.index for cell in plan.cells))]
     if plan.axes:
-        axis, groups = plan.axes[0].name, groups_of(plan, plan.axes[0])
+        axis_name = plan.axes[0].name
+        groups = groups_of(plan, plan.axes[0])
         picks = np.linspace(0, len(groups) - 1, min(MOST_DISTRIBUTIONS, len(groups)))
         groups = [groups[round(pick)] for pick in picks.tolist()]
     distributions = []
@@ -237,7 +239,7 @@ def _final_errors(runs: Runs) -> list[dict[str, Any]]:
             if len(errors):
                 exact = np.percentile(errors, PERCENTILES).tolist()
                 percentiles[label] = [float(f"{value:.{SHOWN_DIGITS}g}") for value in exact]
-        distributions.append({"axis": axis, "group": group.name, "percentiles": percentiles})
+        distributions.append({"axis": axis_name, "group": group.name, "percentiles": percentiles})
     return distributions
 
 

@@ -59,15 +59,13 @@ class Drive(NamedTuple):
     """Integrated motion at grid points."""
 
     twists: Floats  # (n, 3) v_x, v_y [m/s], w [rad/s] of the origin in the paper's axes
-    transfer: (
-        Floats  # (n, 2) force at the centre of mass that transfers load, right and forward [N]
-    )
+    # (n, 2) force at the centre of mass that transfers load, right and forward [N]
+    transfer: Floats
     # (n, 2) acceleration of gravity along the slope in x and y of odom [m/s²]; on terrain, in axes that
     # turn with the ground's normal, but not by the yaw rate
     slopes: Floats
-    tipping: NDArray[
-        np.bool_
-    ]  # (n,) True if the force points outside the contact; not set at the end
+    # (n,) True if the force points outside the contact; not set at the end
+    tipping: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

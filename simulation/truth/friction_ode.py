@@ -12,9 +12,9 @@ grows from nothing to its full size within the regularising speed (0.1 mm/s), wh
 near zero slip, velocities settle within microseconds, elsewhere within tens of milliseconds.
 
 The integrator is RODAS, a Rosenbrock method of order 4(3) with six stages, L-stable and stiffly accurate.
-It has full order for differential-algebraic equations, which very stiff friction approaches (Hairer and
-Wanner, Solving Ordinary Differential Equations II, section IV.7 and VI.4). It uses the analytic Jacobian,
-needs no inner iteration, and controls its step by the embedded third-order solution.
+RODAS has full order for differential-algebraic equations, which very stiff friction approaches (Hairer
+and Wanner, Solving Ordinary Differential Equations II, section IV.7 and VI.4). It uses the analytic
+Jacobian, needs no inner iteration, and controls its step by the embedded third-order solution.
 
 Import this module inside functions only: numba takes half a second to load.
 """

@@ -53,9 +53,8 @@ class KinematicTruth:
 
         solved = np.empty((len(speeds), 3))
         decay = float(np.exp(-1.0 / (rate * vehicle.load_lag)))
-        entry(lagged_twists)(
-            np.ascontiguousarray(speeds), decay, parameters.as_array(), vehicle, solved
-        )
+        values = parameters.as_array()
+        entry(lagged_twists)(np.ascontiguousarray(speeds), decay, values, vehicle, solved)
         v_x, v_y = paper_to_rep103(solved[:, 0], solved[:, 1])
         effective_gauge = robot.vehicle.track_gauge * parameters.eta0
         slip = slip_residual(speeds, self.slip, effective_gauge, 1.0 / rate, rng)

@@ -113,8 +113,8 @@ class TrueMotion:
     def accelerations_at(self, times: Floats, window: float) -> Floats:
         """Accelerations (n, 3) forward, left, dv/dt + w x v [m/s²], and dw/dt [rad/s²].
 
-        They are of base_link in its own axes, averaged over a window [s] around each time (n,) [s], which
-        makes them independent of the grid: the slip residual has no derivative at a point in time.
+        They are means of base_link, in its own axes, over a window [s] around each time (n,) [s], so that
+        they do not depend on the grid: the slip residual has no derivative at a point in time.
         """
         start, end = self.window(times, window)
         rates = (self.twists_at(end) - self.twists_at(start)) / (end - start)[:, None]
@@ -173,13 +173,14 @@ def true_motion(
 def slip_residual(
     speeds: Floats, slip: Slip, effective_gauge: float, step: float, rng: Generator
 ) -> Floats:
-    """Slip residual of the twist (m, 3): Gauss-Markov processes of the size in `slip`.
+    """Slip residual (m, 3) of v_x, v_y, w [m/s, m/s, rad/s]: Gauss-Markov processes.
 
-    Track speeds (m, 2) [m/s] have an even step [s]; the effective gauge is L eta0 [m].
+    `slip` has their standard deviations by the track speeds (m, 2) [m/s], and their correlation time. The
+    speeds have an even step [s]; the effective gauge is L eta0 [m].
     """
-    unit = gauss_markov(len(speeds), step, slip.time_constant, rng)
+    of_unit_variance = gauss_markov(len(speeds), step, slip.time_constant, rng)
     sigmas = slip_components(speeds[:, 0], speeds[:, 1], slip, effective_gauge)
-    return np.stack(sigmas, axis=-1) * unit
+    return np.stack(sigmas, axis=-1) * of_unit_variance
 
 
 def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) -> Floats:
@@ -226,7 +227,7 @@ def integrate_twists(twists: Floats, step: float) -> Floats:
 def integrals(values: Floats, step: float) -> Floats:
     """Integral (n - 1, k) over each interval of values (n, k) at an even step [s].
 
-    It is of fourth order, that of the cubic through four samples; at both ends, of the trapezoid.
+    Inner intervals use the cubic through four samples (fourth order), both ends the trapezoid.
     """
     integral = 0.5 * step * (values[:-1] + values[1:])
     if len(values) > 3:

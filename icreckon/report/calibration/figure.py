@@ -19,6 +19,8 @@ ERROR_FACTORS = (100.0, 100.0, 180.0 / np.pi)
 LINE_LENGTH = 110  # length of a line of the verdict [characters]
 STYLE = {"font.size": 10, "axes.titlesize": 10, "text.parse_math": False}
 TICKS = [2.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0]  # ticks of an axis in standard errors
+LINEAR_UP_TO = 4.0  # standard errors beyond which that axis is logarithmic
+BY_CHANCE = 1.96  # standard errors within which 95 % of the changes lie by chance
 
 
 def write_calibration_figure(path: Path, results: Results) -> None:
@@ -129,15 +131,15 @@ def _draw_certainty(axes: Axes, results: Results) -> None:
         if parameter["sigma"] and parameter["before"] is not None
     }
     places = np.arange(len(changes))
-    axes.axvspan(-1.96, 1.96, color=BEFORE, alpha=0.25)
+    axes.axvspan(-BY_CHANCE, BY_CHANCE, color=BEFORE, alpha=0.25)
     axes.plot(list(changes.values()), places, "o", ms=4, color=AFTER)
     axes.set_yticks(places, list(changes), fontsize=7)
     axes.invert_yaxis()
-    axes.set_xscale("symlog", linthresh=4.0)
-    # The axis reaches beyond the second tick, also if no parameter changed.
-    reach = 1.5 * max([TICKS[1], *map(abs, changes.values())])
-    ticks = [tick for tick in TICKS if tick <= reach]
-    ticks = [-tick for tick in reversed(ticks)] + [0.0] + ticks
+    axes.set_xscale("symlog", linthresh=LINEAR_UP_TO)
+    # Some of the logarithmic part is drawn, also if no parameter changed.
+    reach = 1.5 * max([LINEAR_UP_TO, *map(abs, changes.values())])
+    right_ticks = [tick for tick in TICKS if tick <= reach]
+    ticks = [*(-tick for tick in reversed(right_ticks)), 0.0, *right_ticks]
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
     axes.set_xlim(-reach, reach)

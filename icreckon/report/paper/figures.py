@@ -17,11 +17,7 @@ from icreckon.simulation.paper.reproduction import Reproduction, Row
 
 BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#777777"
 DPI = 110
-INDEX_LABELS = (
-    "sliding index ζ [m]",
-    "eccentricity index ε [m]",
-    "steering efficiency index η [-]",
-)
+AXIS_LABELS = ("sliding index ζ [m]", "eccentricity index ε [m]", "steering efficiency index η [-]")
 FARTHEST = 60.0  # differences beyond this are drawn at the edge, with an arrow [%]
 
 
@@ -45,7 +41,7 @@ def _figure(path: Path, width: float, height: float, title: str) -> Iterator[Fig
 
 
 def _draw_differences(path: Path, rows: tuple[Row, ...]) -> None:
-    """Draw the difference of each published number [% of it], one number a line."""
+    """Draw reproduced less published [% of the published], one number a line."""
     title = "Published numbers and ours: difference as a share of the published"
     with _figure(path, 9.0, 7.0, title) as figure:
         axes = figure.add_subplot()
@@ -53,16 +49,17 @@ def _draw_differences(path: Path, rows: tuple[Row, ...]) -> None:
         axes.axvspan(-10.0, 10.0, color=BLUE, alpha=0.12, label="within 10 %")
         axes.axvline(0.0, color=GREY, linewidth=1.0)
         for line, row in enumerate(rows):
-            x = float(np.clip(row.difference_percent, -FARTHEST, FARTHEST))
-            is_off_axis = x != row.difference_percent
-            marker = (">" if x > 0.0 else "<") if is_off_axis else "o"
+            difference = row.difference_percent
+            x = float(np.clip(difference, -FARTHEST, FARTHEST))
+            marker = "o"
+            if abs(difference) > FARTHEST:
+                marker = ">" if difference > 0.0 else "<"
             axes.plot(x, line, marker, color=RED if abs(x) > 10.0 else BLUE)
             # Next to the right edge there is no room for a label on the right.
-            label_is_right = x <= 0.0 or (not is_off_axis and x < 0.75 * FARTHEST)
-            offset, side = (8, "left") if label_is_right else (-8, "right")
+            offset, alignment = (8, "left") if x < 0.75 * FARTHEST else (-8, "right")
             style: Any = {"textcoords": "offset points", "va": "center", "fontsize": 8.5}
-            label = f"{row.difference_percent:+.1f} %"
-            axes.annotate(label, (x, line), xytext=(offset, 0), ha=side, **style)
+            label = f"{difference:+.1f} %"
+            axes.annotate(label, (x, line), xytext=(offset, 0), ha=alignment, **style)
         labels = [f"{row.name} = {row.printed} {row.unit}".strip() for row in rows]
         axes.set_yticks(range(len(rows)), labels)
         axes.set(xlim=(-1.08 * FARTHEST, 1.08 * FARTHEST), ylim=(len(rows) - 0.4, -0.6))
@@ -119,7 +116,7 @@ def _draw_inertia(path: Path, reproduced: Reproduction) -> None:
 def _draw_indices(path: Path, reproduced: Reproduction) -> None:
     title = "Figure 6, redrawn: the indices over the track speeds"
     with _figure(path, 16.0, 4.8, title) as figure:
-        for place, label in enumerate(INDEX_LABELS):
+        for place, label in enumerate(AXIS_LABELS):
             axes = figure.add_subplot(1, 3, place + 1)
             _draw_map(axes, reproduced, reproduced.mapped.indices[place], label)
             axes.set_title(f"({'abc'[place]})")
@@ -149,7 +146,7 @@ def _draw_fits(path: Path, reproduced: Reproduction) -> None:
                 )
                 axes.plot(abscissa, modelled[place], style, color=colour, lw=2.0, label=name)
             title = f"({'abc'[place]})"
-            axes.set(title=title, xlabel=force_labels[place], ylabel=INDEX_LABELS[place])
+            axes.set(title=title, xlabel=force_labels[place], ylabel=AXIS_LABELS[place])
             axes.legend(loc="upper left")
 
 

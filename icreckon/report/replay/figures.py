@@ -143,8 +143,8 @@ def _draw_paths(axes: Axes, results: Results) -> None:
     for name, columns in series["variants"].items():
         is_bold, colour = name in detailed, colour_of(name)
         x, y = columns["x_m"], columns["y_m"]
-        style, width = _style(name, is_bold=is_bold), 1.6 if is_bold else 0.9
-        axes.plot(x, y, color=colour, lw=width, ls=style, label=name)
+        style = _style(name, is_bold=is_bold)
+        axes.plot(x, y, color=colour, lw=1.6 if is_bold else 0.9, ls=style, label=name)
         axes.plot(x[-1], y[-1], "s", color=colour, ms=6)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="x [m]", ylabel="y [m]", title="paths (squares: ends)")
@@ -163,9 +163,10 @@ def _draw_position_errors(axes: Axes, results: Results) -> None:
     time, detailed = series["t_s"], _detailed(results)
     _shade_outages(axes, results)
     for name, columns in series["variants"].items():
-        style, width = _style(name, is_bold=True), 1.6 if name in detailed else 0.8
-        errors, colour = columns["position_error_m"], colour_of(name)
-        axes.plot(time, errors, color=colour, lw=width, ls=style, label=name)
+        style = _style(name, is_bold=True)
+        width = 1.6 if name in detailed else 0.8
+        errors = columns["position_error_m"]
+        axes.plot(time, errors, color=colour_of(name), lw=width, ls=style, label=name)
     shown = [series["variants"][name] for name in detailed]
     largest = max(float(np.nanmax(floats(columns["position_error_m"]))) for columns in shown)
     bounds = [3.0 * floats(columns["position_sigma_m"]) for columns in shown]

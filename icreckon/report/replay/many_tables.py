@@ -15,24 +15,26 @@ DOES_NOT_FIT = "A robot file does not fit a log, and all figures of it are with 
 
 
 def many_tables(results: Results, *, narrow: bool = False) -> Group:
-    """Verdict, scores over all logs, ratios of robot files, and the logs.
+    """Group of warnings, verdict, tables (all logs, robot files, each log), remarks.
 
     `results` are those of `summarise_many`; narrow tables omit columns to fit 80 characters.
     """
     parts: list[Any] = []
     doubts = many_text.many_doubts(results)
     if doubts:
-        lines = [f"{DOES_NOT_FIT}:", *(f"- {doubt}" for doubt in doubts), f"{CHECK_HINT}.", ""]
-        parts += [Text(line, style="bold yellow") for line in lines]
+        warning = [f"{DOES_NOT_FIT}:", *(f"- {doubt}" for doubt in doubts), f"{CHECK_HINT}.", ""]
+        parts += [Text(line, style="bold yellow") for line in warning]
     parts += [Text(many_text.many_headline(results)), Text()]
     if any(pooled["logs"] for pooled in results["pooled"].values()):
         parts.append(_pooled_table(results, narrow=narrow))
     if any(ratios["variants"] for ratios in results["ratios"].values()):
         parts.append(_ratio_table(results))
     parts.append(_log_table(results))
-    notes = [line for pooled in results["pooled"].values() for line in many_text.left_out(pooled)]
-    lines = [*many_text.many_failures(results), *notes, *many_text.many_remarks(results)]
-    return Group(*parts, *(Text(line) for line in lines))
+    parts += map(Text, many_text.many_failures(results))
+    for pooled in results["pooled"].values():
+        parts += map(Text, many_text.left_out(pooled))
+    parts += map(Text, many_text.many_remarks(results))
+    return Group(*parts)
 
 
 def _pooled_table(results: Results, *, narrow: bool) -> Table:

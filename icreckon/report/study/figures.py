@@ -309,10 +309,12 @@ def _label_cells(axes: Axes, results: Results) -> None:
 
 def _distribution(results: Results, others: str) -> Picture:
     """Draw the distribution of final errors by group; `others` ends the caption."""
+    colours = _colours(results)
     groups = [group for group in results["final_errors"] if group["percentiles"]]
     rows = max(1, math.ceil(len(groups) / 2))
     columns = min(2, max(1, len(groups)))
-    share, errors = np.array(PERCENTILES) / 100.0, []
+    shares = np.array(PERCENTILES) / 100.0
+    errors: list[float] = []
     size = (SIZE[0], SIZE[1] * (0.35 + 0.65 * rows))
     with drawing(size, STYLE) as figure:
         grid = figure.subplots(rows, columns, squeeze=False, sharey=True, sharex=True)
@@ -320,18 +322,17 @@ def _distribution(results: Results, others: str) -> Picture:
         for axes, group in zip(panels, groups, strict=False):
             drawn = [label for label in results["variants"] if label in group["percentiles"]]
             for label in drawn:
-                percentiles, colour = group["percentiles"][label], _colours(results)[label]
+                percentiles = group["percentiles"][label]
                 errors += percentiles
-                axes.plot(floats(percentiles), share, color=colour, lw=1.5, label=label)
+                axes.plot(floats(percentiles), shares, color=colours[label], lw=1.5, label=label)
             axes.set_title(f"{group['axis']} {group['group']}".strip())
         positive = [error for error in errors if error > 0.0]
         if positive and max(positive) > LOG_SPAN * np.median(positive):
             panels[0].set_xscale("log")
         for axes in panels[len(groups) :]:
             axes.set_visible(False)
-        lowest = slice(max(0, len(groups) - columns), max(1, len(groups)))
-        # The lowest panel of each column; the one panel of a study without results.
-        for axes in panels[lowest]:
+        used_panels = panels[: max(1, len(groups))]  # a study without results has an empty one
+        for axes in used_panels[-columns:]:  # the lowest panel of each column
             axes.tick_params(labelbottom=True)
             axes.set_xlabel("position error at the end [m]")
         for axes in grid[:, 0]:
