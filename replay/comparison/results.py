@@ -18,8 +18,10 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.frames import rotate
 from icreckon.estimator.filter.fault_table import CORRELATED
 from icreckon.estimator.filter.health import Health
+from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import Interval, drift, path_length
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run
@@ -27,12 +29,15 @@ from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison import drift_table
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import Drifts
-from icreckon.replay.comparison.fixes import scored_intervals
+from icreckon.replay.comparison.fixes import OF_FIXES, scored_intervals
 from icreckon.replay.comparison.holes import holes_of
-from icreckon.replay.comparison.plot_series import series_of
+from icreckon.replay.comparison.plot_series import series_of, true_poses_at
 from icreckon.replay.comparison.scores import differences, noise_drifts, scores, truths_of
 
 FORMAT = 1
+FAR_OFF = (
+    5.0  # distance of fixes from a truth over their stated sigma from which on it is noted [-]
+)
 ENOUGH_FIXES = 30  # number of fixes that show a correlation of successive innovations
 # Lists of numbers are written on one line; no string holds a line break.
 NUMBERS = re.compile(r"\[\n[-+.\deE\s,nul]*\]")
@@ -186,7 +191,29 @@ def _findings(comparison: Comparison) -> list[str]:
             "those of fixes with white errors have none: they wander, or come late; set wander_sigma and "
             "wander_time where icreckon inspect proposes them, else least_sigma: 2.0 for plain GPS"
         )
+    if not wanders:
+        notes += _frame_note(comparison.log)
     return notes
+
+
+def _frame_note(log: Log) -> list[str]:
+    """Note on fixes that are off a truth of another source by far more than they state."""
+    truth, fixes = log.truth, log.fixes
+    if truth is None or truth.source == OF_FIXES or fixes is None:
+        return []
+    poses = true_poses_at(truth, fixes.stamps)
+    antennas = poses[:, :2] + rotate(fixes.lever_arms, poses[:, 2])
+    distances = np.hypot(*(fixes.poses[:, :2] - antennas).T)
+    distances = distances[np.isfinite(distances)]
+    if not len(distances):
+        return []
+    off, stated = float(np.median(distances)), math.sqrt(float(np.median(fixes.variances[:, 0])))
+    if off < FAR_OFF * stated:
+        return []
+    return [
+        f"the fixes are {off:.2g} m off the truth in the median and state {stated:.2g} m: they wander, "
+        "or are not in the frame of the truth, where runs begin (origin or frames in [log.fixes])"
+    ]
 
 
 def _scatter_note(healths: list[Health]) -> list[str]:

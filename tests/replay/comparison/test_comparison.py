@@ -145,3 +145,13 @@ def test_a_run_begins_where_dead_reckoning_leads_back_from_a_late_truth(robot: R
     # Nothing but the path of 20 s is uncertain.
     assert 0.001 < np.sqrt(path.pose_covariances[0, 0, 0]) < 0.5
     assert any("the truth begins 20.0 s after the log" in note for note in found.log.notes)
+
+
+@pytest.mark.parametrize("shift", [0.0, 2.0])
+def test_fixes_in_another_frame_than_the_truth_are_noted(robot: Robot, shift: float) -> None:
+    log = simulate(Scenario(duration=40.0, seed=1, fix_rate=1.0), robot)
+    fixes = log.fixes
+    moved = replace(fixes, poses=fixes.poses + np.array([shift, 0.0, 0.0]))
+    found = compare(replace(log, fixes=moved), robot, "inertia-online")
+    notes = summarise(found, robot)["log"]["notes"]
+    assert any("not in the frame of the truth" in note for note in notes) == bool(shift)
