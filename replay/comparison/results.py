@@ -197,7 +197,7 @@ def _findings(comparison: Comparison) -> list[str]:
 
 
 def _frame_note(log: Log) -> list[str]:
-    """Note on fixes that are off a truth of another source by far more than they state."""
+    """Note on fixes that are off the truth by far more than they state."""
     truth, fixes = log.truth, log.fixes
     if truth is None or truth.source == OF_FIXES or fixes is None:
         return []

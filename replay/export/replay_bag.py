@@ -93,19 +93,11 @@ def _odometry_messages(topic: str, trajectory: Trajectory, frame: str) -> Outbox
     """nav_msgs/Odometry: poses of a frame in odom, its twists in that frame."""
     series, sigmas = trajectory.pose_series, trajectory.spatial_sigmas
 
-    def make(
-        messages: Messages,
-        stamp: int,
-        position: Floats,
-        quaternion: Floats,
-        covariance: Floats,
-        twist: Floats,
-        twist_covariance: Floats,
-        spatial_variances: Floats | None = None,
-    ) -> Any:
+    def make(messages: Messages, stamp: int, *row: Floats) -> Any:
+        position, quaternion, covariance, twist, twist_covariance, *spatial_variances = row
         pose_covariance = planar_covariance(covariance)
-        if spatial_variances is not None:
-            pose_covariance[SPATIAL_VARIANCES] = spatial_variances
+        if spatial_variances:
+            (pose_covariance[SPATIAL_VARIANCES],) = spatial_variances
         return messages.new(
             ros.ODOMETRY,
             header=messages.header(stamp, ODOM),
