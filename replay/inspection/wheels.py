@@ -131,7 +131,7 @@ def _distance_ratio(
     if counts.sum() < FEWEST_WINDOWS:
         return None, None
     ratios = chords[counts] / track_chords[counts]
-    relative_noise = noise / float(np.median(chords[counts]))
+    relative_noise = noise / max(noise, float(np.median(chords[counts]))) if noise else 0.0
     # Noise across the path makes chords longer: the median is off by the square.
     longer = relative_noise**2
     by_noise = MEDIAN_ERROR * np.sqrt(2.0 / len(ratios)) * relative_noise
