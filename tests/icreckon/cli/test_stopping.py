@@ -76,7 +76,11 @@ def test_a_signal_leaves_one_line_and_nothing_else(bag, tmp_path, number, word, 
 )
 def test_no_room_is_one_line_and_leaves_nothing(words, bag, tmp_path):
     """No file may be longer than a kilobyte; the compile cache has what they need, or does without."""
-    limited = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n{MAIN}"
+    # Python would leave byte code of a kilobyte, which no later process could load.
+    limited = (
+        "import resource, sys; sys.dont_write_bytecode = True\n"
+        f"resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n{MAIN}"
+    )
     alone = partial(icreckon_alone, script=limited)
     last = fails(*(bag if word == "BAG" else word for word in words), cwd=tmp_path, run=alone)
     assert last.startswith(f"icreckon: {'robot.toml' if 'inspect' in words else 'out'}")
