@@ -1,7 +1,7 @@
 """Serialisation of many messages that differ in their numbers only.
 
 One message of placeholders is serialised and shows at which bytes each number is. The numbers of all
-others are filled in there as columns, which is ten times faster.
+others are filled in there as columns.
 """
 
 from collections.abc import Callable, Iterator, Sequence

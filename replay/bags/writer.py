@@ -53,9 +53,8 @@ class Outbox(NamedTuple):
     make: Callable[..., Any]
     columns: tuple[NDArray[Any], ...] = ()  # arrays (n, ...) of their numbers
     latched: bool = False  # whether who subscribes later gets the newest message, too
-    alike: bool = (
-        True  # messages differ in the numbers of their rows only, which are float64 in them
-    )
+    # whether messages differ in the numbers of their rows only, and hold these as float64
+    alike: bool = True
 
     def serialised(self, messages: Messages) -> Iterator[bytes]:
         """Yield the messages as bytes."""

@@ -96,8 +96,8 @@ def compare(
     """Run filter variants over a log.
 
     The lag and lever arm of a logged truth (one without twists) are removed first. Runs start at the
-    truth's pose if there is one (without fixes at that by their own lever arm), otherwise at the pose
-    from the fixes or at the origin.
+    truth's pose if there is one (without fixes at that by their own lever arm), to which dead reckoning
+    leads back from a late truth, otherwise at the pose from the fixes or at the origin.
 
     A variant that is lost or raises an exception has no run; `Comparison.failed` lists it, and the others
     continue.
@@ -196,7 +196,7 @@ def _aligned(
         )
         return replace(log, truth=None, notes=(*log.notes, note)), None, None
     notes = (*log.notes, *alignment.notes)
-    if late := lateness(log, alignment.truth):
+    if truth.source != OF_FIXES and (late := lateness(log, alignment.truth)):
         notes += (
             f"the truth begins {late:.1f} s after the log: dead reckoning leads back from its first pose "
             "to the start",

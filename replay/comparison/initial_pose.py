@@ -21,7 +21,6 @@ from icreckon.replay.base.start import ANY_HEADING, CLEAR, SOON, Start, align_pa
 BEGINNING = 20.0  # least track distance over which fixes and dead reckoning are compared [m]
 SIGMAS = 20.0  # least length of that distance in standard deviations of a fix [-]
 TURN_SIGMA = 0.5  # standard deviation of the yaw rate before the first heading [rad/s]
-
 LATE_TRUTH = 1.0  # time after the start of a log from which on its truth begins late [s]
 
 EXACT_ORIGIN = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -36,7 +35,8 @@ def lateness(log: Log, truth: Truth) -> float:
 def start_from_truth(log: Log, truth: Truth, reckoned: Trajectory | None) -> Start:
     """Find the pose of the truth at the start of a log.
 
-    Dead reckoning leads back from the first pose of a truth that begins late. Otherwise it is exact.
+    Dead reckoning leads back from the first pose of a truth that begins late; its errors are the sigmas,
+    which are zero otherwise.
     """
     if reckoned is None or not lateness(log, truth):
         pose = interpolate_poses(truth.poses, np.array([log.start]))[0]

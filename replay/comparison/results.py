@@ -35,9 +35,7 @@ from icreckon.replay.comparison.plot_series import series_of, true_poses_at
 from icreckon.replay.comparison.scores import differences, noise_drifts, scores, truths_of
 
 FORMAT = 1
-FAR_OFF = (
-    5.0  # distance of fixes from a truth over their stated sigma from which on it is noted [-]
-)
+FAR_OFF = 5.0  # distance of fixes from a truth, over their sigma, from which on it is noted [-]
 ENOUGH_FIXES = 30  # number of fixes that show a correlation of successive innovations
 # Lists of numbers are written on one line; no string holds a line break.
 NUMBERS = re.compile(r"\[\n[-+.\deE\s,nul]*\]")

@@ -78,8 +78,8 @@ class LogEstimates:
     @property
     def effective_track(self) -> float | None:
         """Effective track by the gyro [m]; None without radius or gauge of a controller."""
-        # Speeds from a twist are read with a gauge of 1 m, rates with a radius of 1 m: the true one [m].
-        unit: float | None = 1.0  # [-] if the speeds are read as they are
+        # True length of the gauge or radius that was read as 1 m.
+        unit: float | None = 1.0
         if self.from_twist:
             unit = self.sizes.controller_gauge
         elif self.mapping.in_rates:

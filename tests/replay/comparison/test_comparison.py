@@ -147,6 +147,18 @@ def test_a_run_begins_where_dead_reckoning_leads_back_from_a_late_truth(robot: R
     assert any("the truth begins 20.0 s after the log" in note for note in found.log.notes)
 
 
+def test_fixes_that_are_scored_and_begin_late_start_no_run(robot: Robot) -> None:
+    log = simulate(Scenario(duration=60.0, seed=1, fix_rate=1.0), robot)
+    fixes = log.fixes
+    late = fixes.stamps >= log.start + 5 * 10**9
+    fixes = replace(
+        fixes, stamps=fixes.stamps[late], poses=fixes.poses[late], variances=fixes.variances[late]
+    )
+    found = compare(replace(log, fixes=fixes, truth=None), robot, "inertia-online", fixes="0:40%")
+    assert found.log.truth is not None
+    assert not any("the truth begins" in note for note in found.log.notes)
+
+
 @pytest.mark.parametrize("shift", [0.0, 2.0])
 def test_fixes_in_another_frame_than_the_truth_are_noted(robot: Robot, shift: float) -> None:
     log = simulate(Scenario(duration=40.0, seed=1, fix_rate=1.0), robot)
