@@ -47,11 +47,11 @@ def odometry(stamp: int, v: float, w: float):
     )
 
 
-def imu(stamp: int, rate=(0.0, 0.0, 0.1), force=(0.0, 0.0, 9.8), rate_covariance=0.0):
+def imu(stamp: int, rate=(0.0, 0.0, 0.1), force=(0.0, 0.0, 9.8), rate_covariance=0.0, frame=""):
     absent, rates, zeros = np.zeros(9), np.zeros(9), np.zeros(9)
     absent[0], rates[0] = -1.0, rate_covariance
     return T["sensor_msgs/msg/Imu"](
-        header(stamp),
+        header(stamp, frame),
         T["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
         absent,
         vector(*rate),

@@ -26,7 +26,7 @@ LEFT = {"l", "lwheel", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
 RIGHT = {"r", "rwheel", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
 TRUE = re.compile(r"truth|ground|(?<![a-z])(?:true|gt)(?![a-z])")
 COMMAND = re.compile(
-    r"cmd|command|desired|target|setpoint|demand|request|wanted"
+    r"cmd|command|desired|target|setpoint|demand|request|wanted|initial_?pose"
     r"|(?<![a-z])(?:ref|sp|set|tgt|req|goal)(?![a-z])"
 )
 SPEED = re.compile(r"vel|speed|(?<!tempe)rate|omega|rpm|(?<![a-z])(?:count|tick|enc)")
@@ -210,6 +210,14 @@ def _imu(surveys: Mapping[str, Survey]) -> ImuTopic | None:
         if survey.channel.msgtype == ros.IMU and _measures_rates(survey)
     }
     return ImuTopic(max(counts, key=lambda topic: counts[topic])) if counts else None
+
+
+def other_positions(surveys: Iterable[Survey], mapping: TopicMap) -> list[str]:
+    """Topics of measured positions that a mapping does not use."""
+    used = {stream.topic for stream in (mapping.fixes, mapping.truth) if stream is not None}
+    kinds = (ros.POSE, ros.POSE_WITH_COVARIANCE, ros.NAVSATFIX)
+    found = {survey.channel.topic for survey in surveys if survey.channel.msgtype in kinds}
+    return sorted(topic for topic in found - used if not is_command(topic))
 
 
 def _fixes(surveys: Mapping[str, Survey]) -> FixTopic | None:

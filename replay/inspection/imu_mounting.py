@@ -28,10 +28,10 @@ CLEAR_SCORE = 0.4  # smallest sum of two correlations at which a yaw of the moun
 class Mounting:
     """Mounting and noise of an IMU, estimated from a log."""
 
-    # roll, pitch to level it, yaw to the next 90 deg [deg]
+    # roll, pitch to level it, yaw, by the tracks to the next 90 deg [deg]
     rotation_rpy_deg: tuple[float, float, float]
     up_shown_by: str  # evidence of the vertical: "gravity", "turning", or "" for none
-    yaw_shown: bool  # whether the track speeds show that yaw; otherwise it is unknown, and set to 0
+    yaw_shown_by: str  # evidence of the yaw: "tracks", "tf_static", or "" for none: set to 0
     specific_force: Floats | None  # (3,) mean in the IMU's axes [m/s²], None without accelerometers
     still_seconds: float  # duration of standstill in the log [s]
     gyro_axes: str  # "z" if the other two gyros always read zero, otherwise "xyz"
@@ -80,7 +80,7 @@ def estimate_mounting(log: Log) -> Mounting | None:
     return Mounting(
         rotation_rpy_deg=(roll, pitch, 0.0 if yaw is None else yaw),
         up_shown_by=shown_by,
-        yaw_shown=yaw is not None,
+        yaw_shown_by="" if yaw is None else "tracks",
         specific_force=force,
         still_seconds=still_seconds,
         gyro_axes=gyro_axes,

@@ -26,11 +26,11 @@ from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.bags.message_types import JOINT_STATE
 from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import EqualStampsError, ReplayError, coarse_stamps
-from icreckon.replay.inspection import imu_mounting, robot_file, topic_survey, wheels
+from icreckon.replay.inspection import imu_mounting, robot_file, static_frames, topic_survey, wheels
 from icreckon.replay.inspection import track_by_rate as by_rate
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
 from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of
-from icreckon.replay.inspection.guess_topics import guess_topics, may_be_a_side
+from icreckon.replay.inspection.guess_topics import guess_topics, may_be_a_side, other_positions
 from icreckon.replay.inspection.gyro_bias import gyro_bias
 from icreckon.replay.inspection.latency import objection, track_latency, truth_lag, without_lag
 from icreckon.replay.mapping.columns import ColumnMap
@@ -44,6 +44,7 @@ UNUSED = ("latency", "gauge")  # keys that an inspection ignores and estimates
 FAST_TURNING = 6.0  # yaw rate that a ground robot hardly exceeds [rad/s]
 FAST_SPEED, FAST_RATE = 20.0, 120.0
 """Speed and wheel rate that a ground robot hardly exceeds [m/s, rad/s]."""
+OF_THE_FILE = ("out of order", "repeated in", "go back")  # words of notes on what a file holds
 MOST_STOPS = 8  # highest number of standstills that are listed
 UNITS_OF_RADIUS = Robot(name="unknown", vehicle=Vehicle(1.0, 1.0, 1.0, max_track_speed=1e3))
 """Robot with a sprocket radius of 1 m, so that rates are read as speeds."""
@@ -106,12 +107,21 @@ def inspect(
         timeless = [table.path.name for table in tables if not time_column_of(table, time_column)]
         if timeless:
             notes.append(f"no column looks like a time, not used: {', '.join(timeless)}")
-    estimates = _estimates(paths, _with_keys(mapping, sizes.log), definitions, sizes, notes)
+    mounts = static_frames.static_mounts(surveys.values())
+    if mapping.fixes is not None and mapping.fixes.topic in mounts:
+        x, y, _ = mounts[mapping.fixes.topic].position.tolist()
+        mapping = replace(mapping, fixes=replace(mapping.fixes, position=(x, y)))
+    mapping = _with_keys(mapping, sizes.log)
+    mount = mounts.get(mapping.imu.topic) if mapping.imu else None
+    estimates = _estimates(paths, mapping, definitions, sizes, mount, notes)
     mapping, log, track = estimates.mapping, estimates.log, _track_by_rate(estimates)
     reports = _topic_reports(surveys.values(), mapping, log)
     for table in tables:
         reports += _column_reports(table, mapping.columns)
-    missing = () if mapping.track_keys else (_missing_tracks(surveys.values()),)
+    missing = [] if mapping.track_keys else [_missing_tracks(surveys.values())]
+    if others := other_positions(surveys.values(), mapping):
+        names = ", ".join(others)
+        missing.append(f"positions not used: {names}; a topic of [log.fixes] or [log.truth]?")
     errors = _error_findings(estimates)
     return Inspection(
         path=first,
@@ -162,6 +172,7 @@ def _estimates(
     mapping: TopicMap,
     definitions: Definitions,
     sizes: robot_file.Sizes,
+    imu_mount: static_frames.Mount | None,
     notes: list[str],
 ) -> robot_file.LogEstimates:
     """Estimate mounting, wheels, latencies, gyro bias and wander from a log."""
@@ -185,14 +196,14 @@ def _estimates(
         has_tables = any(is_table(file) for file in paths if file.is_file())
         if mapping.columns is not None or not has_tables:
             notes.append(f"the proposed topics cannot be read: {problem}")
-    estimates = robot_file.LogEstimates(mapping, clocks, log, sizes)
+    estimates = robot_file.LogEstimates(mapping, clocks, log, sizes, imu_mount=imu_mount)
     if log is None:
         return estimates
-    mounting, vertical = _mounting_and_vertical(log)
+    mounting, vertical = _mounting_and_vertical(log, imu_mount)
     latencies = _latencies(log, vertical)
     aligned = _without_latencies(log, latencies)
     if aligned is not log:
-        mounting, vertical = _mounting_and_vertical(aligned)
+        mounting, vertical = _mounting_and_vertical(aligned, imu_mount)
     # Counts have no scale yet, by which wheels could be estimated.
     wheel_rate = None if mapping.lacks_counts_per_turn else vertical
     correlation = mounting.turning_correlation if mounting else None
@@ -210,9 +221,13 @@ def _estimates(
     )
 
 
-def _mounting_and_vertical(log: Log) -> tuple[imu_mounting.Mounting | None, Floats | None]:
+def _mounting_and_vertical(
+    log: Log, mount: static_frames.Mount | None
+) -> tuple[imu_mounting.Mounting | None, Floats | None]:
     """Mounting of the IMU and rate about the vertical (n,) [rad/s]; None if unknown."""
     mounting = imu_mounting.estimate_mounting(log)
+    if mounting is not None and mount is not None:
+        mounting = static_frames.with_static_yaw(mounting, mount) or mounting
     vertical = imu_mounting.vertical_rate(log.imu, mounting) if log.imu and mounting else None
     return mounting, vertical
 
@@ -395,7 +410,7 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
         fault = heading_fault(log.truth) if log.truth.headings else "are missing"
         if fault is not None:
             yield f"truth: headings {fault}: a replay scores positions alone"
-    yield from (note for note in log.notes if "out of order" in note or "repeated in" in note)
+    yield from (note for note in log.notes if any(words in note for words in OF_THE_FILE))
     for purpose, latency in estimates.latencies.items():
         yield _lag_finding(purpose, latency, by_yaw_rate=purpose != "truth" or fault is None)
     if mapping.lacks_counts_per_turn:
@@ -411,6 +426,9 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
             f"{mounting.turning_correlation:.2f}): left and right may be swapped, or the IMU is "
             "upside down"
         )
+    if mounting is not None and (mount := estimates.imu_mount) is not None:
+        contradiction = static_frames.contradiction(mounting, mount)
+        yield from [contradiction] if contradiction else []
     yield from _failed_sensors(log, estimates)
     if len(log.tracks.stamps):
         stops = wheels.standstills(log)

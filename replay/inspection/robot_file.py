@@ -1,6 +1,6 @@
 """Proposed robot file: values estimated from a log, and placeholders for the rest."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +16,7 @@ from icreckon.replay.inspection.guess_topics import PLACEHOLDER_SIGMA
 from icreckon.replay.inspection.gyro_bias import GyroBias
 from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
 from icreckon.replay.inspection.latency import objection
+from icreckon.replay.inspection.static_frames import STATIC, Mount
 from icreckon.replay.inspection.wheels import NO_WHEELS, WheelEstimates, heading_offset
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import HeadingTopic, TopicMap, TrackTopic
@@ -62,6 +63,7 @@ class LogEstimates:
     latencies: Mapping[str, Lag | NoLag] = field(default_factory=dict)
     bias: GyroBias | None = None  # bias of the gyro
     wander: FixWanderEstimate | str | None = None  # error of the fixes, or why it is not known
+    imu_mount: Mount | None = None  # static transform of the IMU
 
     @property
     def states_fix_sigma(self) -> bool:
@@ -184,7 +186,9 @@ def _imu_lines(estimates: LogEstimates) -> list[str]:
     has_tracks = len(log.tracks.stamps) > 0
     angles = ", ".join(str(_to_tenth(angle)) for angle in mounting.rotation_rpy_deg)
     lines = [*_mounting_comments(mounting), "[imu]", f"rotation_rpy_deg = [{angles}]"]
-    if mounting.up_shown_by == "gravity":
+    if (mount := estimates.imu_mount) is not None:
+        lines.append(f"position = {_metres(mount.position)}    # m, {mount.source}")
+    elif mounting.up_shown_by == "gravity":
         lines.append(
             f"position = [0.0, 0.0, 0.0]    {FILL_IN} (m forward, left, up); "
             "leave 0 if not measured: a wrong value shifts zeta0"
@@ -233,9 +237,11 @@ def _mounting_comments(mounting: Mounting) -> list[str]:
         end = "; roll and pitch turn it upright." if by_gravity else "."
         lines = [f"# Mean specific force ({x:.2f}, {y:.2f}, {z:.2f}) m/s²{end}"]
     if by_gravity:
-        yaw = f" {FILL_IN.removeprefix('# ')}; 0 is right if the IMU's x axis points forward."
-        if mounting.yaw_shown:
-            yaw = ": accelerations follow the track speeds with it."
+        yaw = {
+            "": f" {FILL_IN.removeprefix('# ')}; 0 is right if the IMU's x axis points forward.",
+            "tracks": ": accelerations follow the track speeds with it.",
+            STATIC: f": by /{STATIC}.",
+        }[mounting.yaw_shown_by]
         lines.append(f"# Yaw{yaw}")
     elif mounting.up_shown_by == "turning":
         lines.append(
@@ -244,7 +250,8 @@ def _mounting_comments(mounting: Mounting) -> list[str]:
         )
         return lines
     else:
-        lines.append("# Nothing shows how it is mounted: this is for its z axis upward.")
+        unknown = "# Nothing shows how it is mounted: this is for its z axis upward."
+        lines.append(f"# Mounting by /{STATIC}." if mounting.yaw_shown_by else unknown)
     return [*lines, _turning_comment(mounting.turning_correlation)]
 
 
@@ -313,6 +320,9 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
         if sigma is None or wander:
             errors = wander
         keys_of["fixes"] = [hint, *errors]
+        if any(mapping.fixes.position):
+            place = _metres(mapping.fixes.position)
+            keys_of["fixes"].append(f"position = {place}    # m, of the antenna, by /{STATIC}")
     if mapping.heading:
         keys_of["heading"] = _heading_keys(mapping.heading, estimates.log)
     if truth := mapping.truth:
@@ -334,8 +344,8 @@ def _heading_keys(heading: HeadingTopic, log: Log | None) -> list[str]:
     offset = None if log is None else heading_offset(log)
     if offset is None:
         return [*keys, f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)"]
-    remark = "course over ground less heading, if it drives forward"
-    return [*keys, f"offset_deg = {_to_tenth(offset)}    # {remark}"]
+    remark = f"± {offset[1]:.1g}: direction of driving, by the fixes, less heading"
+    return [*keys, f"offset_deg = {_to_tenth(offset[0])}    # {remark}"]
 
 
 def _track_keys(tracks: TrackTopic) -> list[str]:
@@ -395,6 +405,11 @@ def _column_lines(columns: ColumnMap, track_latency: list[str], wander: list[str
         lines += track_latency if purpose == "tracks" else []
         lines += wander if purpose == "fixes" else []
     return lines
+
+
+def _metres(position: Iterable[float]) -> str:
+    """Position to the millimetre, as a list of TOML."""
+    return f"[{', '.join(str(round(float(length), 3) + 0.0) for length in position)}]"
 
 
 def _to_tenth(degrees: float) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Stamps
 from icreckon.replay.bags.bag_files import Bag
 from icreckon.replay.bags.decoding import Definitions, decoder, header_reader
-from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX
+from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, TF, TF_ROS1
 from icreckon.replay.bags.records import Channel
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.reading.message_rows import imu_row
@@ -26,6 +26,8 @@ SHAPE_CHECKS: dict[str, Callable[[Any], object]] = {
     JOINT_STATE: lambda message: (message.name, message.velocity),
     IMU: imu_row,
     NAVSATFIX: lambda message: (message.status.status, message.position_covariance_type),
+    TF: lambda message: message.transforms,
+    TF_ROS1: lambda message: message.transforms,
 }
 """Checks of the decoded types; each raises if a definition is not the standard one of its name."""
 GAP = 5.0  # smallest gap as a multiple of the usual interval between two messages [-]

@@ -183,13 +183,15 @@ def unit_of_gravity(force: float) -> str:
     return ""
 
 
-def heading_offset(log: Log) -> float | None:
-    """Offset from measured heading to course over ground [deg]; None if not clear."""
+def heading_offset(log: Log) -> tuple[float, float] | None:
+    """Offset from measured heading to driving direction, standard error [deg]; or None."""
     headings = [other for other in log.others if isinstance(other, HeadingFix)]
     if log.fixes is None or len(log.fixes.stamps) < 2 or len(headings) < 2:
         return None
     stamps, positions = log.fixes.stamps, log.fixes.poses[:, :2]
     sigma = float(np.sqrt(np.median(log.fixes.variances[:, 0])))
+    measured = np.array([heading.stamp for heading in headings])
+    yaws = np.unwrap([heading.yaw for heading in headings])
     offsets = []  # unit complex numbers, so that angles can be averaged
     begin = 0  # row of the fix at which a course begins
     for row in range(1, len(stamps)):
@@ -198,10 +200,21 @@ def heading_offset(log: Log) -> float | None:
             continue
         if (stamps[row] - stamps[begin]) * NANOSECOND < COURSE_TIME:
             middle = (stamps[row] + stamps[begin]) // 2
-            nearest = min(headings, key=lambda fix: abs(fix.stamp - middle))
-            offsets.append(np.exp(1j * (np.arctan2(y, x) - nearest.yaw)))
+            course = np.arctan2(y, x) + (np.pi if _drives_backward(log, middle) else 0.0)
+            offsets.append(np.exp(1j * (course - np.interp(middle, measured, yaws))))
         begin = row
     if len(offsets) < FEWEST_WINDOWS:
         return None
     mean = complex(np.mean(offsets))
-    return float(np.degrees(np.angle(mean))) if abs(mean) > CLEAR_COURSE else None
+    if abs(mean) < CLEAR_COURSE:
+        return None
+    spread = np.sqrt(-2.0 * np.log(abs(mean)) / len(offsets))
+    return float(np.degrees(np.angle(mean))), float(np.degrees(spread))
+
+
+def _drives_backward(log: Log, stamp: int) -> bool:
+    """Test whether the tracks drive backward at a stamp [ns]; False without tracks."""
+    tracks = log.tracks
+    return (
+        len(tracks.stamps) > 0 and np.interp(stamp, tracks.stamps, tracks.speeds.sum(axis=1)) < 0.0
+    )

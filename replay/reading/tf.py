@@ -87,6 +87,20 @@ class TransformStream(Stream):
         unknown, (xy, z) = np.full((len(stamps), 5), NAN), np.split(poses.translations, [2], axis=1)
         return stamps[known], np.column_stack([xy, poses.rotations.as_quat(), unknown, z])[known]
 
+    def static_pose(self) -> tuple[Floats, Floats] | None:
+        """Translation (3,) [m] and rotation (3, 3) of the child frame; None unless static."""
+        try:
+            chain = self._chain()
+        except ReplayError:
+            return None
+        poses = _poses(np.array([STAYS]))
+        for link, forward in chain:
+            if link not in self._static:
+                return None
+            step = _poses(self._static[link][None])
+            poses = _composed(poses, step if forward else _inverse(step))
+        return poses.translations[0], poses.rotations.as_matrix()[0]
+
     def _take(self, record: Record, message: Any) -> None:
         self.add_transforms(record.channel.topic, record.time, message)
 

@@ -12,6 +12,7 @@ from icreckon import Log, ReplayError, Scenario, calibrate, check_robot, compare
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.failed_sensors import stuck_sides, turning_at
+from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.checking import robot_check
@@ -25,7 +26,7 @@ ALPHA = load_robot("auriga-alpha")
 MAPPED = with_values(
     ALPHA, log={"tracks": {"topic": "/joint_states", "left": ["l"], "right": ["r"]}}
 )
-TURNING, BIAS = "sense of turning", "gyro bias"
+TURNING, BIAS, HEADING = "sense of turning", "gyro bias", "offset of the heading"
 RADIUS = ALPHA.vehicle.sprocket_radius
 
 
@@ -187,6 +188,28 @@ def dead_from(log: Log, side: int, share: float, factor: float = 0.0) -> Log:
         return found
 
     return speeds(log, change)
+
+
+@pytest.mark.parametrize("backward", [False, True])
+def test_a_heading_off_the_direction_of_driving_is_named(backward: bool) -> None:
+    scenario = Scenario(duration=110.0, seed=3, fix_rate=5.0, trajectory="slalom")
+    log = simulate(scenario, ALPHA)
+    sign = -1.0 if backward else 1.0
+    poses = log.truth.poses
+    headings = tuple(
+        HeadingFix(int(stamp), float(pose[2]) + (0.0 if not backward else np.pi), 1e-4)
+        for stamp, pose in zip(poses.stamps[::20], poses.poses[::20], strict=True)
+    )
+    log = replace(speeds(log, lambda v: sign * v[:, :: int(sign)]), others=headings)
+    mapped = {"heading": {"topic": "/heading", "sigma": 0.01}, **MAPPED.log}
+    robot = with_values(ALPHA, log=mapped)
+    assert HEADING not in problems(replace(log, truth=None), robot)
+    turned = tuple(replace(fix, yaw=fix.yaw - 0.5 * np.pi) for fix in headings)
+    wrong = replace(log, truth=None, others=turned)
+    (found,) = [one for one in check_robot(wrong, robot) if one.name == HEADING]
+    assert "deg right of the direction of driving" in found.problem
+    assert found.settings["log.heading.offset_deg"] == pytest.approx(90.0, abs=5.0)
+    assert HEADING not in problems(*found.correction(wrong, robot))
 
 
 @pytest.mark.parametrize(("side", "name"), [(0, "left"), (1, "right")])

@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import bag_messages as made
 from conftest import inspected, make_log, sample_log
 from icreckon import EstimatorError, Inspection, Log, Robot, Vehicle, inspect, load_robot, write_log
 from icreckon.estimator.base.frames import rpy_to_matrix
@@ -62,7 +63,7 @@ def test_the_mounting_is_found(rpy_deg: tuple[float, float, float]) -> None:
     wanted = rpy_to_matrix(*np.radians(rpy_deg))
     off = np.degrees(np.arccos((np.trace(found @ wanted.T) - 1.0) / 2.0))
     assert off < 2.0
-    assert mounting.yaw_shown
+    assert mounting.yaw_shown_by == "tracks"
     assert mounting.turning_correlation > 0.9
     assert 30.0 < mounting.still_seconds < 40.0
     np.testing.assert_allclose(mounting.gyro_bias, [0.001, -0.002, 0.003], atol=3e-4)
@@ -86,7 +87,7 @@ def without_accelerometers(log: Log) -> Log:
 @pytest.mark.parametrize("rpy_deg", [(180.0, 12.0, 0.0), (90.0, 0.0, 0.0)])
 def test_turning_shows_the_mounting_of_a_gyro_alone(rpy_deg: tuple[float, float, float]) -> None:
     mounting = estimate_mounting(without_accelerometers(driven_log(rpy_deg)))
-    assert (mounting.up_shown_by, mounting.yaw_shown) == ("turning", False)
+    assert (mounting.up_shown_by, mounting.yaw_shown_by) == ("turning", "")
     assert mounting.specific_force is None
     found = rpy_to_matrix(*np.radians(mounting.rotation_rpy_deg))[2]
     wanted = rpy_to_matrix(*np.radians(rpy_deg))[2]
@@ -181,6 +182,45 @@ def test_a_bag_with_nothing_of_use(tmp_path: Path) -> None:
     assert "no track speeds" in found.proposed_robot_file
     robot, _ = proposed(found, tmp_path)
     assert robot.name == 'odd "name" \\ here'
+
+
+def test_static_transforms_give_positions_and_what_the_log_does_not_show(tmp_path: Path) -> None:
+    """The IMU by way of its plate; the antenna on gps; a contradiction by gravity is a finding."""
+    seconds = [made.SECOND * k // 50 for k in range(50, 200)]
+    samples = [("/imu", made.imu(stamp, frame="imu_link")) for stamp in seconds]
+    samples += [("/js", made.joints(stamp, (1.0, 1.2))) for stamp in seconds]
+    samples += [("/gps/fix", made.navsatfix(stamp, 48.0, 11.0)) for stamp in seconds[::25]]
+
+    def with_frames(name: str, **turn: object) -> tuple[Inspection, Robot, TopicMap]:
+        static = [
+            made.transform(made.SECOND, "base_link", "plate", x=0.1, yaw=np.radians(30.0)),
+            made.transform(made.SECOND, "plate", "imu_link", y=0.2, **turn),
+            made.transform(made.SECOND, "/base_link", "gps", x=-0.2, y=0.1),
+        ]
+        found = inspect(made.tf_bag(tmp_path / name, [], static, samples))
+        return found, *proposed(found, tmp_path)
+
+    found, robot, topics = with_frames("level")
+    assert robot.imu.rotation_rpy_deg == (0.0, 0.0, 30.0)
+    assert robot.imu.position == pytest.approx((0.0, 0.173, 0.0))
+    assert (topics.fixes.topic, topics.fixes.position) == ("/gps/fix", (-0.2, 0.1))
+    assert not any("see [imu]" in finding for finding in found.findings)
+    found, robot, _ = with_frames("upside_down", q=(1.0, 0.0, 0.0, 0.0))
+    assert robot.imu.rotation_rpy_deg == (0.0, 0.0, 0.0)
+    (said,) = [finding for finding in found.findings if "see [imu]" in finding]
+    assert "imu_link in base_link by /tf_static is turned by (180, 0, 30) deg; the log" in said
+
+
+def test_positions_that_are_not_used_are_named(tmp_path: Path) -> None:
+    stamps = [made.SECOND * k for k in (1, 2, 3)]
+    messages = [*made.SPEEDS]
+    messages += [("/initialpose", made.pose_with_covariance(stamps[0], (0.2, 0.2, 0.1)))]
+    messages += [("/gps/fix", made.navsatfix(stamp, 48.0, 11.0)) for stamp in stamps]
+    messages += [("/mocap", made.pose_stamped(stamp)) for stamp in stamps]
+    found = inspect(made.write_bag(tmp_path / "bag", messages))
+    assert found.mapping.fixes.topic == "/mocap"
+    (said,) = [finding for finding in found.findings if "not used" in finding]
+    assert "not used: /gps/fix;" in said
 
 
 # name: roll, pitch, yaw [deg]; gyro axes; topic of the track speeds; standstill that shows the bias

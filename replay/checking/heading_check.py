@@ -1,0 +1,54 @@
+"""Check of the heading sensor in a robot file: its offset from the direction of driving."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import HeadingFix
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.checking.check import SIGMAS, Check, Measured
+from icreckon.replay.inspection.wheels import heading_offset
+from icreckon.replay.mapping.topics import topic_map
+
+LEAST_OFFSET = 10.0  # a robot that slides in bends drives some degrees off its heading [deg]
+
+
+def check_heading(log: Log, robot: Robot) -> Iterator[Check]:
+    """Offset of a heading from the direction of driving, by the fixes."""
+    mapping, found = topic_map(robot), heading_offset(log)
+    mapped = mapping.heading or (mapping.columns.heading if mapping.columns else None)
+    if mapped is None or found is None:
+        return
+    # `read_log` has added the offset of the file to the headings.
+    left, sigma = found
+    offset = math.degrees(wrap_angle(math.radians(mapped.offset_deg + left)))
+    check = Check(
+        "offset of the heading",
+        f"{mapped.offset_deg:g} deg",
+        f"{offset:.1f} ± {sigma:.1g} deg to the direction of driving, by the fixes",
+        measured=Measured(offset, "deg", mapped.offset_deg, sigma),
+    )
+    if abs(left) < max(LEAST_OFFSET, SIGMAS * sigma):
+        yield check
+        return
+
+    def turned(log: Log, robot: Robot) -> tuple[Log, Robot]:
+        """Correction of the headings."""
+        others = (
+            replace(other, yaw=wrap_angle(other.yaw + math.radians(left)))
+            if isinstance(other, HeadingFix)
+            else other
+            for other in log.others
+        )
+        return replace(log, others=tuple(others)), robot
+
+    table = "log.heading" if mapping.heading else "log.columns.heading"
+    side = "right" if left > 0.0 else "left"
+    yield check.contradicted(
+        f"the headings are {abs(left):.0f} deg {side} of the direction of driving",
+        f"offset_deg = {offset:.1f} in [log.heading]",
+        turned,
+        {f"{table}.offset_deg": round(offset, 1)},
+    )

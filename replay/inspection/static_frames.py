@@ -1,0 +1,83 @@
+"""Positions and mounting of sensors by the static transforms of a bag."""
+
+from collections.abc import Collection, Iterable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import matrix_to_rpy, rpy_to_matrix, wrap_angle
+from icreckon.replay.bags.message_types import IMU, NAVSATFIX, TF, TF_ROS1
+from icreckon.replay.inspection.imu_mounting import Mounting
+from icreckon.replay.inspection.topic_survey import Survey
+from icreckon.replay.reading.tf import TransformStream
+
+STATIC = "tf_static"
+MOST_TILT = np.radians(15.0)  # angle to gravity up to which it may be a slope [rad]
+MOST_YAW = np.radians(46.0)  # yaw that accelerations, to the next 90 deg, do not contradict [rad]
+BASES = ("base_footprint", "base_link")  # frames of the robot, the first that there is
+
+
+class Mount(NamedTuple):
+    """Static pose of a sensor in the frame of the robot."""
+
+    position: Floats  # (3,) [m]
+    rotation: Floats  # (3, 3), from the sensor's axes to those of the robot
+    source: str  # the frames, for a person
+
+
+def static_mounts(surveys: Collection[Survey]) -> dict[str, Mount]:
+    """Static poses of IMUs and receivers by topic, as far as the transforms show them."""
+    transforms, frames = TransformStream("frames", "tf", "", "recording"), set[str]()
+    for survey in surveys:
+        topic = survey.channel.topic
+        if survey.channel.msgtype in (TF, TF_ROS1) and topic.endswith(STATIC):
+            for message in survey.messages:
+                transforms.add_transforms(topic, 0, message)
+                for transform in message.transforms:
+                    names = transform.header.frame_id, transform.child_frame_id
+                    frames |= {name.strip("/") for name in names}
+    base = next((frame for name in BASES for frame in sorted(frames) if frame.endswith(name)), None)
+    mounts = {}
+    for survey in surveys:
+        if base is None or survey.channel.msgtype not in (IMU, NAVSATFIX):
+            continue
+        if survey.frame_id.strip("/") in BASES:  # its driver has turned it, its place is unknown
+            continue
+        transforms.frames = base, survey.frame_id
+        if (pose := transforms.static_pose()) is not None:
+            source = f"{survey.frame_id} in {base} by /{STATIC}"
+            mounts[survey.channel.topic] = Mount(*pose, source)
+    return mounts
+
+
+def with_static_yaw(mounting: Mounting, mount: Mount) -> Mounting | None:
+    """Mounting with what the log does not show of it; None if the log contradicts it."""
+    if not mounting.up_shown_by:
+        angles = matrix_to_rpy(mount.rotation)
+        return replace(mounting, rotation_rpy_deg=_degrees(angles), yaw_shown_by=STATIC)
+    roll, pitch, yaw = np.radians(mounting.rotation_rpy_deg)
+    turn = mount.rotation @ rpy_to_matrix(roll, pitch, 0.0).T
+    static_yaw = float(np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1]))
+    is_tilted = turn[2, 2] < np.cos(MOST_TILT)
+    if is_tilted or (mounting.yaw_shown_by and abs(wrap_angle(static_yaw - yaw)) > MOST_YAW):
+        return None
+    angles = roll, pitch, static_yaw
+    return replace(mounting, rotation_rpy_deg=_degrees(angles), yaw_shown_by=STATIC)
+
+
+def contradiction(mounting: Mounting, mount: Mount) -> str:
+    """Finding that a log shows another mounting than its static transform; or empty."""
+    if with_static_yaw(mounting, mount) is not None:
+        return ""
+    stated, shown = _degrees(matrix_to_rpy(mount.rotation)), mounting.rotation_rpy_deg
+    by_tf, by_log = (", ".join(str(round(angle)) for angle in rpy) for rpy in (stated, shown))
+    return (
+        f"imu: {mount.source} is turned by ({by_tf}) deg; the log shows ({by_log}) deg, see [imu]"
+    )
+
+
+def _degrees(angles: Iterable[float]) -> tuple[float, float, float]:
+    x, y, z = (float(np.degrees(angle)) for angle in angles)
+    return x, y, z
