@@ -147,6 +147,11 @@ def twist(v=0.0, w=0.0):
     return T["geometry_msgs/msg/Twist"](vector(v), vector(z=w))
 
 
+def twist_with_covariance(stamp: int, v: float, w: float):
+    full = T["geometry_msgs/msg/TwistWithCovariance"](twist(v, w), np.zeros(36))
+    return T["geometry_msgs/msg/TwistWithCovarianceStamped"](header(stamp), full)
+
+
 SPEEDS = [("/js", joints(k * 10**9, (1.0, 2.0))) for k in range(1, 4)]
 
 

@@ -49,7 +49,7 @@ ONLY_IN = {
 HEAVY = {"scipy", "matplotlib", "numba", "filterpy", "rosbags", "pyarrow", "distributed"}
 LONGEST_FILE = 600
 # Most lines of each package. A change that adds makes room first.
-BUDGET = {"estimator": 24_553, "simulation": 7_657, "replay": 14_282, "icreckon": 7_221}
+BUDGET = {"estimator": 24_556, "simulation": 7_657, "replay": 14_281, "icreckon": 7_219}
 # Files that assemble the inputs of a step: of every step, of a prediction ahead, of the textbook.
 ASSEMBLE = {
     "estimator/engine/lane_functions.py",
@@ -243,8 +243,8 @@ def test_first_lines_are_plain(package: str) -> None:
 def test_lines_are_a_budget(package: str) -> None:
     texts = (source.read_text(encoding="utf-8") for source in sources(package))
     lines = sum(text.count("\n") for text in texts)
-    more = f"{package}/ has {lines - BUDGET[package]} lines more than BUDGET: delete as many of it"
-    assert lines <= BUDGET[package], more
+    more = lines - BUDGET[package]
+    assert more <= 0, f"{package}/ has {more} lines too many: delete as many, or see CONTRIBUTING"
 
 
 def test_inputs_of_a_step_are_assembled_in_one_place() -> None:

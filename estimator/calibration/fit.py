@@ -102,9 +102,9 @@ class Fit:
         free = np.flatnonzero(self.free)
         threshold = _thresholds(self.problem)
         scaled = _scaled(self.fisher[~blocks].sum(axis=0), free, threshold)
-        slope = threshold[free] * self.score[~blocks].sum(axis=0)[free]
+        gradient = threshold[free] * self.score[~blocks].sum(axis=0)[free]
         moved = self.values.copy()
-        moved[free] -= threshold[free] * _solve(scaled, slope)
+        moved[free] -= threshold[free] * _solve(scaled, gradient)
         return self.problem.inside(moved)
 
 
@@ -191,8 +191,8 @@ def _search(
         blocks = information(noise, residuals, jacobian, problem.recording.block)
         fisher, score = (of_blocks.sum(axis=0) for of_blocks in blocks)
         scaled = _scaled(fisher, places, _thresholds(problem)) + ridge * np.eye(len(places))
-        slope = unit * score[places] + ridge * (values - search.start)[places] / unit
-        step = search.step(values, scaled, slope)
+        gradient = unit * score[places] + ridge * (values - search.start)[places] / unit
+        step = search.step(values, scaled, gradient)
         moved = search.moved(values, step, noise, search.cost(values, residuals, noise))
         if moved is None:
             # No step helps; with noise that is estimated again the next one may.
@@ -235,7 +235,7 @@ class _Search(NamedTuple):
             share *= 0.4
         return None
 
-    def step(self, values: Floats, scaled: Floats, slope: Floats) -> Floats:
+    def step(self, values: Floats, scaled: Floats, gradient: Floats) -> Floats:
         """Gauss-Newton step (a,), in threshold errors, within bounds.
 
         A parameter at a bound, which a small part of the step would violate, stays there.
@@ -243,12 +243,12 @@ class _Search(NamedTuple):
         Args:
             values: present values (p,).
             scaled: information (a, a), with parameters in threshold errors.
-            slope: derivative (a,) of half the cost by these.
+            gradient: derivative (a,) of half the cost by these.
         """
         moves = np.ones(len(self.places), dtype=bool)
         for _ in range(len(self.places)):
             step = np.zeros(len(self.places))
-            step[moves] = -_solve(scaled[np.ix_(moves, moves)], slope[moves])
+            step[moves] = -_solve(scaled[np.ix_(moves, moves)], gradient[moves])
             moved = values.copy()
             moved[self.places] += 1e-6 * self.unit * step
             is_outward = moves & (self.problem.inside(moved) != moved)[self.places]

@@ -163,7 +163,7 @@ def walk_stamps(state: Any, clocks: Any, stamps: SensorStamps, steps: Steps) -> 
 def walk_to_tracks(
     walk: Walk, tracks: ClockRecord, imu: ClockRecord, stamp: int, steps: Steps
 ) -> None:
-    """Add track speeds at a stamp [ns]: the ones before hold up to their own stamp."""
+    """Add track speeds at a stamp [ns], after a step to the stamp of those before."""
     if walk.tracks > 0 and not is_due_after(imu, tracks.stamp):
         move(walk, imu, tracks.stamp, steps)
     take_stamp(tracks, stamp, LONGEST_TIME)

@@ -249,7 +249,10 @@ class Step:
         )
 
     def update_standstill(self) -> None:
-        """Update standing lanes with a twist of zero, after a change of the gyro's bias."""
+        """Update standing lanes with a twist of zero.
+
+        Before it, bias and yaw become uncertain if the gyro's bias has jumped.
+        """
         lane, now = self.lane, self.model
         variance = lane.P.entry(s.GYRO_BIAS, s.GYRO_BIAS)
         variance = variance + self.noise.gyro / lane.constant("standstill_duration")

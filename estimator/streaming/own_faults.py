@@ -113,7 +113,7 @@ class OwnFaults:
             raise TypeError(f"no effect: {effect!r}")
         for name, sigma in effect.sigmas.items():
             if name not in self._state_names:
-                raise ValueError(f"Inflate: no state {name!r}; see icreckon.state_names")
+                raise ValueError(f"Inflate: no state {name!r}; see icreckon.STATE_NAMES")
             if not (math.isfinite(sigma) and 0.0 <= sigma <= LARGEST_SIGMA):
                 raise ValueError(f"Inflate: {name} by {sigma!r}, but a sigma is from 0 to 1e6")
         index = self._state_names.index

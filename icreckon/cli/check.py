@@ -4,15 +4,13 @@ import json
 import math
 from contextlib import suppress
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 from rich.text import Text
-from typer import Option
 
-from icreckon.cli.common import console
+from icreckon.cli.common import console, options
 from icreckon.cli.common.comparing import kernels_of, the_robot
-from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, RobotName, Ros, UnpackedLimit
 from icreckon.estimator.log.log import Log
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import OF_STAMPS, ReplayError
@@ -29,13 +27,13 @@ LEAST_SHARE = 0.2  # smallest cost that counts, as a share of the drift [-]
 
 
 def command(
-    paths: Logs,
-    robot_name: RobotName = None,
-    ros: Ros = None,
-    message_files: MessageFiles = None,
-    _unpacked_limit: UnpackedLimit = 0.5,
-    as_json: Annotated[bool, Option("--json", help="Print JSON instead of text.")] = False,
-    overwrite: Overwrite = False,
+    paths: options.Logs,
+    robot_name: options.RobotName = None,
+    ros: options.Ros = None,
+    message_files: options.MessageFiles = None,
+    _unpacked_limit: options.UnpackedLimit = 0.5,
+    as_json: options.Json = False,
+    overwrite: options.Overwrite = False,
 ) -> None:
     """Check a robot file against a log: units, signs, mounting, latency.
 

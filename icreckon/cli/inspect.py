@@ -11,8 +11,7 @@ from rich.table import Table
 from rich.text import Text
 from typer import Option
 
-from icreckon.cli.common import console
-from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, Ros, UnpackedLimit, Wide
+from icreckon.cli.common import console, options
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import OF_STAMPS, ReplayError
 from icreckon.replay.base.outputs import check_replaceable, written_beside
@@ -32,17 +31,17 @@ WIDE_FROM = 120  # width of a terminal from which on names have columns of their
 
 
 def command(
-    paths: Logs,
+    paths: options.Logs,
     write: Annotated[Path | None, Option(help="Write the proposed robot file here.")] = None,
     picture: Annotated[
         Path | None, Option(help="Draw the effective track over the yaw rate here (PNG).")
     ] = None,
-    ros: Ros = None,
-    message_files: MessageFiles = None,
-    _unpacked_limit: UnpackedLimit = 0.5,
-    as_json: Annotated[bool, Option("--json", help="Print JSON instead of tables.")] = False,
-    wide: Wide = False,
-    overwrite: Overwrite = False,
+    ros: options.Ros = None,
+    message_files: options.MessageFiles = None,
+    _unpacked_limit: options.UnpackedLimit = 0.5,
+    as_json: options.Json = False,
+    wide: options.Wide = False,
+    overwrite: options.Overwrite = False,
 ) -> None:
     """List what a log holds, and propose a robot file for it."""
     console.check_writable(write, FIRST_WORDS, overwrite=overwrite)

@@ -47,9 +47,10 @@ def message_class(msgtype: str) -> Any:
     package, _, name = msgtype.split("/")
     try:
         return getattr(import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError):
+    except (ImportError, AttributeError) as problem:
         raise ReplayError(
-            f"messages of type {msgtype} cannot be read: install and source the ROS package {package}"
+            f"messages of type {msgtype} cannot be read: install and source the ROS package {package} "
+            f"({problem})"
         ) from None
 
 

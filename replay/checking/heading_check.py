@@ -1,4 +1,4 @@
-"""Check of the heading sensor in a robot file: its offset from the direction of driving."""
+"""Check of the heading: its offset from the direction of driving."""
 
 import math
 from collections.abc import Iterator

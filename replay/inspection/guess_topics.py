@@ -116,7 +116,7 @@ def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     candidates = [
         topic
         for topic, survey in surveys.items()
-        if survey.channel.msgtype in (ros.ODOMETRY, ros.TWIST) and not is_command(topic)
+        if survey.channel.msgtype in ros.OF_A_BODY and not is_command(topic)
     ]
 
     def likelihood(topic: str) -> tuple[bool, bool]:

@@ -283,7 +283,7 @@ def _tracks_lines(estimates: LogEstimates) -> list[str]:
 def _turning_comment(correlation: float | None) -> str:
     """Comment on the sign of turning, by the correlation of tracks and gyro."""
     if correlation is None:
-        return "# No track speeds to check the sign of turning with."
+        return "# Nothing turns, or always alike: the sign of turning cannot be checked."
     text = f"# Track speeds and the rate about the vertical have a correlation of {correlation:.2f}"
     if correlation > CLEAR_SIGN:
         return f"{text}: the sign of turning is right."

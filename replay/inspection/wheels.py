@@ -184,7 +184,7 @@ def unit_of_gravity(force: float) -> str:
 
 
 def heading_offset(log: Log) -> tuple[float, float] | None:
-    """Offset from measured heading to driving direction, standard error [deg]; or None."""
+    """Offset from heading to direction of driving, standard error [deg]; or None."""
     headings = [other for other in log.others if isinstance(other, HeadingFix)]
     if log.fixes is None or len(log.fixes.stamps) < 2 or len(headings) < 2:
         return None

@@ -34,11 +34,12 @@ class TrackTopic(TrackKeys, frozen=True):
     """The topic of the track speeds.
 
     Attributes:
-        topic: name; sensor_msgs/JointState, nav_msgs/Odometry, geometry_msgs/TwistStamped, or any
-            other type, if `left` and `right` name its fields, as "wheels.left.rate" or "data[0]".
+        topic: name; sensor_msgs/JointState, nav_msgs/Odometry, geometry_msgs/TwistStamped or
+            TwistWithCovarianceStamped, or any other type, if `left` and `right` name its fields, as
+            "wheels.left.rate" or "data[0]".
         right_topic: topic of the right side, if each side has one; then `topic` is that of the left.
         gauge: track gauge with which the robot's controller computes speed and yaw rate from track
-            speeds [m] (Odometry, TwistStamped); the vehicle's if left out.
+            speeds [m] (Odometry, twists); the vehicle's if left out.
         time: clock of the stamps.
     """
 

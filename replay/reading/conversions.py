@@ -13,7 +13,7 @@ from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.frames import wrap_angle, yaw_to_quaternion
 from icreckon.estimator.log.measurements import HeightFix
 from icreckon.estimator.robot.robot_file import Vehicle
-from icreckon.replay.bags.message_types import ODOMETRY, TWIST
+from icreckon.replay.bags.message_types import OF_A_BODY
 from icreckon.replay.mapping.columns import (
     AccelerationUnit,
     HeadingColumns,
@@ -72,17 +72,8 @@ def pose_rows(spec: FixTopic | PoseColumns, rows: Floats) -> Floats:
         altitude = values[spec.altitude] if spec.altitude else unknown
         return np.column_stack([values[spec.latitude], values[spec.longitude], altitude, variance])
     yaw = values[spec.yaw] * RADIANS[spec.yaw_unit] if spec.yaw else unknown
-    yaw_variance = np.full(len(rows), spec.heading_sigma**2 if spec.heading_sigma else np.nan)
-    return np.column_stack(
-        [
-            values[spec.x or ""],
-            values[spec.y or ""],
-            yaw_to_quaternion(yaw),
-            variance,
-            np.where(np.isnan(variance), np.nan, yaw_variance),
-            *([unknown] * 4),
-        ]
-    )
+    place, orientation = (values[spec.x or ""], values[spec.y or ""]), yaw_to_quaternion(yaw)
+    return np.column_stack([*place, orientation, variance, *([unknown] * 5)])
 
 
 def fix_heights(
@@ -110,14 +101,14 @@ class WheelValues(NamedTuple):
 
 def track_width(msgtype: str, mapped: TrackTopic | TrackColumns) -> int:
     """Length of a row of `message_rows.track_readers`, or of a table."""
-    return 2 if msgtype in (ODOMETRY, TWIST) else len(mapped.names)
+    return 2 if msgtype in OF_A_BODY else len(mapped.names)
 
 
 def wheel_values(
     rows: Floats, msgtype: str, mapped: TrackTopic | TrackColumns, vehicle: Vehicle
 ) -> WheelValues:
     """Convert the rows of `message_rows.track_readers`, or of a table."""
-    if msgtype in (ODOMETRY, TWIST):
+    if msgtype in OF_A_BODY:
         # Forward speed [m/s] and yaw rate [rad/s] of a controller, by its own gauge.
         gauge = mapped.gauge if isinstance(mapped, TrackTopic) else None
         forward, w = (rows * mapped.scale).T
@@ -142,9 +133,9 @@ def fill_variances(variances: Floats, mapped: FixTopic | PoseColumns) -> NDArray
         if mapped.wander_sigma:
             position_variances[position_variances > 0.0] = mapped.position_sigma**2
         position_variances[unknown] = mapped.position_sigma**2
-        if mapped.heading_sigma is not None:
-            yaw_variances[unknown] = mapped.heading_sigma**2
         unknown = np.zeros(len(variances), dtype=bool)
+    if mapped.heading_sigma is not None:
+        yaw_variances[np.isnan(yaw_variances)] = mapped.heading_sigma**2
     if mapped.least_sigma is not None:
         least = mapped.least_sigma**2
         position_variances[(position_variances > 0.0) & (position_variances < least)] = least

@@ -16,12 +16,13 @@ def track_readers(joints: Sequence[str], positions: bool = False) -> dict[str, R
     """Build the row readers of track speeds, by message type.
 
     Rows of JointState are the values of the left `joints`, then of the right ones, in the message's unit:
-    speeds, or `positions` (counts). Rows of Odometry and TwistStamped are the forward speed [m/s] and
-    the yaw rate [rad/s]. Without joints there is no reader of JointState.
+    speeds, or `positions` (counts). Rows of Odometry and twists are the forward speed [m/s] and the yaw
+    rate [rad/s]. Without joints there is no reader of JointState.
     """
     readers: dict[str, RowReader] = {
         ros.ODOMETRY: lambda message: _speeds(message.twist.twist),
         ros.TWIST: lambda message: _speeds(message.twist),
+        ros.TWIST_WITH_COVARIANCE: lambda message: _speeds(message.twist.twist),
     }
     if joints:
         readers[ros.JOINT_STATE] = JointReader(joints, positions)

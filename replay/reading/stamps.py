@@ -110,11 +110,11 @@ def largest_part(stamps: Stamps) -> tuple[int, int]:
 
     `stamps` (n,) [ns] must ascend, and be at least one. The ends are widened by half of `APART`.
     """
-    day = round(APART / NANOSECOND)
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(stamps) > day) + 1, [len(stamps)]])
+    apart = round(APART / NANOSECOND)
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(stamps) > apart) + 1, [len(stamps)]])
     part = int(np.argmax(np.diff(edges)))
     first, last = int(stamps[edges[part]]), int(stamps[edges[part + 1] - 1])
-    return first - day // 2, last + day // 2
+    return first - apart // 2, last + apart // 2
 
 
 def in_both(one: list[tuple[int, int]], other: list[tuple[int, int]]) -> list[tuple[int, int]]:

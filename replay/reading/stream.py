@@ -34,12 +34,16 @@ class UnusableError(Exception):
 
 def unreadable(topic: str, types: Iterable[str], purpose: str, readable: Iterable[str]) -> str:
     """Describe a topic whose messages cannot be read for a stream."""
-    return (
+    text = (
         f"topic {topic!r} is of type {', '.join(map(repr, types))}, of which {purpose} cannot be read; "
         f"readable are {', '.join(readable)}"
     )
+    keys = BY_FIELDS.get(purpose)
+    return f"{text}; or name its fields: {keys} in [log.{purpose}]" if keys else text
 
 
+BY_FIELDS = {"tracks": "left and right", "imu": "angular_velocity", "fixes": "x and y"}
+"""Keys by which streams are read from any type."""
 OVERLAP = 1.0  # longest overlap of two parts of one log [s]
 
 

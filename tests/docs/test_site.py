@@ -16,6 +16,7 @@ DOCS = ROOT / "docs"
 PAGES = DOCS / "reference" / "api"
 NAMES = run_path(str(DOCS / "hooks" / "names.py"))
 TABLES = run_path(str(DOCS / "hooks" / "tables.py"))
+FOLDERS = ("estimator", "simulation", "replay", "icreckon")
 LOADED = re.compile(
     r"<(?:script|img|iframe|source|link)\b[^>]*?\s(?:src|href)=[\"']?(?:https?:)?//[^>]*>"
     r"|(?:url\(|@import )[\"']?(?:https?:)?//[^)]*",
@@ -45,6 +46,15 @@ def test_the_tables_of_keys_and_options_are_those_of_the_code() -> None:
         text = page.read_text(encoding="utf-8")
         assert text.count("<!-- table: ") == len(TABLES["MARK"].findall(text)), page
         assert TABLES["up_to_date"](text) == text, f"{page}: run `python docs/hooks/tables.py`"
+
+
+def test_the_names_of_the_architecture_are_in_the_code() -> None:
+    page = (DOCS / "explanation" / "architecture.md").read_text(encoding="utf-8")
+    files = (path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
+    words = {word for path in files for word in re.findall(r"\w+", path.read_text("utf-8"))}
+    names = re.findall(r"`((?:[A-Z]\w*\.)?[A-Za-z_]\w*)`", page)
+    assert len(names) > 60
+    assert [name for name in names if not {*name.split(".")} <= words] == []
 
 
 def test_references_to_the_source_that_pages_replace_are_in_docstrings() -> None:

@@ -80,7 +80,7 @@ Formats = Annotated[
     ),
 ]
 Out = Annotated[Path | None, Option(help="Folder for the results (default: a new one, printed).")]
-Json = Annotated[bool, Option("--json", help="Print results.json instead of the table.")]
+Json = Annotated[bool, Option("--json", help="Print JSON instead of text.")]
 Wide = Annotated[bool, Option("--wide", help="Show all columns, however narrow the terminal is.")]
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace what icreckon wrote there before.")]
 Workers = Annotated[int | None, Option(min=1, help="Processes (default: one for each core).")]

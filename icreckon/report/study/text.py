@@ -317,7 +317,7 @@ def _between(summary: dict[str, Any], key: str) -> str:
     """Format an interval with the decimals of its estimate."""
     low, high = summary[f"{key}_low"], summary[f"{key}_high"]
     if not (_is_finite(low) and _is_finite(high)):
-        return "one true motion"
+        return "one true motion"  # whose runs show no spread of the means
     decimals = _number_format(summary[key])
     return f"{low:{decimals}} to {high:{decimals}}"
 

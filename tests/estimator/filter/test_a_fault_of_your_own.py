@@ -57,7 +57,8 @@ class Clipped(OwnFault):
         if max(abs(measurement.left), abs(measurement.right)) < self.limit:
             self.since = None
             return None
-        self.since = self.since or measurement.stamp
+        if self.since is None:
+            self.since = measurement.stamp
         return Inflate({"slip_x": 0.1})
 
     def find(self) -> Found | None:

@@ -80,8 +80,9 @@ def test_wheels_with_messages_of_their_own_are_interpolated(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(("gauge", "half"), [(None, 0.4), (2.0, 1.0)])
-def test_odometry_becomes_track_speeds(tmp_path: Path, gauge, half) -> None:
-    path = write_bag(tmp_path / "bag", [("/odom", made.odometry(7, 1.5, 0.5))])
+@pytest.mark.parametrize("kind", [made.odometry, made.twist_with_covariance])
+def test_odometry_becomes_track_speeds(tmp_path: Path, gauge, half, kind) -> None:
+    path = write_bag(tmp_path / "bag", [("/odom", kind(7, 1.5, 0.5))])
     mapped = {"topic": "/odom"} | ({"gauge": gauge} if gauge else {})
     log = read_log(path, robot_with(tracks=mapped))
     np.testing.assert_allclose(log.tracks.speeds, [[1.5 - half * 0.5, 1.5 + half * 0.5]])
@@ -139,6 +140,19 @@ def test_fixes_without_covariance_need_a_sigma(tmp_path: Path) -> None:
     log = read_log(path, robot_with(tracks=JOINTS, fixes=mapped | {"heading_sigma": 0.1}))
     np.testing.assert_allclose(log.fixes.variances, [[0.25, 0.01]])
     assert log.fixes.poses[0, 2] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("stated", "used"), [((0.04, 0.04, 0.0), (0.04, 0.01)), ((0.0, 0.0, 0.02), (0.25, 0.02))]
+)
+def test_each_missing_variance_is_filled_in_alone(tmp_path: Path, stated, used) -> None:
+    """Zero is unset: a stated position with an unset yaw keeps its heading, and the reverse."""
+    fix = made.pose_with_covariance(made.SECOND, stated, q=(0.0, 0.0, 1.0, 0.0))
+    path = write_bag(tmp_path / "bag", [*SPEEDS, ("/fix", fix)])
+    mapped = {"topic": "/fix", "position_sigma": 0.5, "heading_sigma": 0.1}
+    log = read_log(path, robot_with(tracks=JOINTS, fixes=mapped))
+    np.testing.assert_allclose(log.fixes.variances, [used])
+    assert abs(log.fixes.poses[0, 2]) == pytest.approx(np.pi)
 
 
 def test_odometry_as_truth(tmp_path: Path) -> None:
