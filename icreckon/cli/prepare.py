@@ -46,21 +46,19 @@ def command(
     models: dict[str, list[str]] = {}
     for name, variant in VARIANTS.items():
         models.setdefault(variant.model, []).append(name)
-    tasks = [("streaming", *models[model]) for model in reversed(models)]
-    tasks += [("study", name) for name in study_names()]
+    # First those that compile most: one of streaming, one of studies.
+    streaming = [("streaming", *models[model]) for model in reversed(models)]
+    studies = [("study", name) for name in study_names()]
+    tasks = [streaming[0], *studies, *streaming[1:]]
     count = min(workers or min(worker_count(None), MOST_WORKERS), len(tasks))
     say(f"compiling with {count} processes")
-    number = 0
     with progress("compiling") as report, worker_processes(count) as pool:
-        # The first compiles what all others load.
-        for tasks_at_once in (tasks[:1], tasks[1:]):
-            submitted = {pool.submit(_compile, *task): task for task in tasks_at_once}
-            for done in as_completed(submitted):
-                done.result()
-                kind, *names = submitted[done]
-                say(f"compiled for {kind}: {', '.join(names)}")
-                number += 1
-                report(number / len(tasks))
+        submitted = {pool.submit(_compile, *task): task for task in tasks}
+        for number, done in enumerate(as_completed(submitted), start=1):
+            done.result()
+            kind, *names = submitted[done]
+            say(f"compiled for {kind}: {', '.join(names)}")
+            report(number / len(tasks))
     files = kernel_files()
     size = sum(path.stat().st_size for path in files)
     say(f"ready: {len(files)} compiled functions, {size / 1e6:.0f} MB in {cache_folder()}")
