@@ -278,8 +278,12 @@ class ExpectedResiduals(NamedTuple):
 def expected_residuals(scatter: ScatterRecord) -> ExpectedResiduals:
     """Residuals that are expected of white errors and of a random walk.
 
-    The fit of `residual_spread` removes the mean, and a turn and stretch of the path. The residuals of a
-    unit error at one fix (white), or from that fix on (walk), are squared and summed over all fixes.
+    The fit of `residual_spread` removes the mean, and a turn and stretch of the path. With levers l of the
+    places of the path about their mean, and n > 2 fixes, a unit error at fix j (white) leaves at fix k
+
+        [k = j] - 1 / n - l_k l_j* / sum |l|²
+
+    and one from fix j on (walk) the sum of this over j and all later ones. Squares are summed over j, k.
     """
     n, centre, extent = scatter.laid, 0j, 0.0
     for k in range(n):
@@ -290,7 +294,6 @@ def expected_residuals(scatter: ScatterRecord) -> ExpectedResiduals:
     inverse_extent = 1.0 / extent if extent > n * LEAST_DISTANCE**2 else 0.0
     white_squares = white_differences = walk_squares = walk_differences = 0.0
     walk_stretch = 0j
-    # From the newest fix to the oldest: the stretch by a walk adds up those of all later fixes.
     for source in range(n - 1, -1, -1):
         white_stretch = (path_at(scatter, source) - centre).conjugate() * inverse_extent
         walk_stretch += white_stretch

@@ -1,8 +1,8 @@
 """Wander of position fixes: slow part of their error, against odometry.
 
 The path by gyro and tracks has the right shape over a window of two minutes, but for its scale, its
-heading, and the gyro's bias. These three are fitted to the fixes in each window. What is left is the
-error of the fixes, as far as the fit has not taken it: white noise, and a Gauss-Markov process of one
+heading, the gyro's bias, and the place of the antenna (or of the centre of turning). These are fitted to
+the fixes in each window. What is left is the error of the fixes, as far as the fit has not taken it: white noise, and a Gauss-Markov process of one
 standard deviation and one correlation time for all windows. Both are found by restricted maximum
 likelihood, which accounts for the fit (Patterson and Thompson, Biometrika 58, 1971). Errors of odometry
 look like wander, too: a wander that is not clearly larger is not proposed, unless the fixes state it: a
@@ -76,7 +76,8 @@ class _Window(NamedTuple):
     seconds: Floats  # (n,) times [s]
     positions: Floats  # (n,) fixes [m]
     path: Floats  # (n,) path by odometry, in the unit of the tracks
-    design: Floats  # (n, k) orthonormal regressors: offset, path, its change by a gyro bias
+    # (n, k) orthonormal regressors: offset, path, its change by a gyro bias, direction of an antenna
+    design: Floats
 
 
 class _Fit(NamedTuple):
@@ -173,16 +174,17 @@ def _cut_windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
         if len(rows) < FEWEST_IN_WINDOW or has_hole:
             continue
         at_fixes = np.interp(times[rows], seconds, path)
-        design = _independent_columns(at_fixes, np.interp(times[rows], seconds, bias_path))
+        others = (np.interp(times[rows], seconds, one) for one in (bias_path, np.exp(1j * yaw)))
+        design = _independent_columns(at_fixes, *others)
         windows.append(_Window(times[rows], positions[rows], at_fixes, design))
     return windows
 
 
-def _independent_columns(path: Floats, bias_path: Floats) -> Floats:
-    """Orthonormal columns (n, k) that span a constant and both complex paths (n,)."""
+def _independent_columns(*regressors: Floats) -> Floats:
+    """Orthonormal columns (n, k) that span a constant and complex regressors (n,)."""
     from scipy.linalg import orth
 
-    columns = np.column_stack([np.ones(len(path)), path, bias_path])
+    columns = np.column_stack([np.ones(len(regressors[0])), *regressors])
     scale = np.linalg.norm(columns, axis=0)
     basis: Floats = orth(columns / np.where(scale > 0.0, scale, 1.0), rcond=1e-6)
     return basis

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from icreckon import FixSpec, Log, Robot, Scenario, inspect, load_robot, simulate, write_log
+from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
@@ -35,6 +36,17 @@ def test_wander_is_found() -> None:
     assert 0.15 < found.white < 0.45
 
 
+def test_an_antenna_off_the_centre_is_no_wander() -> None:
+    """Its place turns with the robot."""
+    log = driven(FixSpec(sigma=0.02))
+    at = log.fixes.stamps
+    arm = (-1.0 + 0.5j) * np.exp(1j * interpolate_poses(log.truth.poses, at)[:, 2])
+    moved = log.fixes.poses + np.column_stack([arm.real, arm.imag, np.zeros(len(at))])
+    found = found_in(replace(log, fixes=replace(log.fixes, poses=moved)))
+    assert found.reason
+    assert found.sigma < 0.5
+
+
 @pytest.mark.parametrize("sigma", [0.05, 0.3])
 def test_white_noise_and_the_errors_of_odometry_are_no_wander(sigma: float) -> None:
     found = found_in(driven(FixSpec(sigma=sigma), 1))
@@ -43,10 +55,10 @@ def test_white_noise_and_the_errors_of_odometry_are_no_wander(sigma: float) -> N
 
 
 def test_what_fixes_do_not_state_is_neither_evidence_nor_kept(tmp_path: Path) -> None:
-    log = driven(FixSpec(sigma=0.01))
+    log = driven(FixSpec(sigma=0.01, wander_sigma=0.3, wander_time=20.0))
     vertical = SensorModels(ALPHA).yaw_rates(log.imu.angular_velocity)
     stating = replace(
-        log, fixes=replace(log.fixes, variances=np.full_like(log.fixes.variances, 0.04))
+        log, fixes=replace(log.fixes, variances=np.full_like(log.fixes.variances, 0.09))
     )
     assert not estimate_wander(stating, vertical).reason
     assert estimate_wander(stating, vertical, states_sigma=False).reason
