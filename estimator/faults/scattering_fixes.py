@@ -278,8 +278,8 @@ class ExpectedResiduals(NamedTuple):
 def expected_residuals(scatter: ScatterRecord) -> ExpectedResiduals:
     """Residuals that are expected of white errors and of a random walk.
 
-    The fit of `residual_spread` removes the mean, and a turn and stretch of the path. With levers l of the
-    places of the path about their mean, and n > 2 fixes, a unit error at fix j (white) leaves at fix k
+    The fit of `residual_spread` removes the mean, and a turn and stretch of the path. With levers l of
+    the places of the path about their mean, and n > 2 fixes, a unit error at fix j (white) leaves at k
 
         [k = j] - 1 / n - l_k l_j* / sum |l|²
 

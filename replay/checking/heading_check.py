@@ -1,4 +1,4 @@
-"""Check of the heading: its offset from the direction of driving."""
+"""Check of a heading sensor: its offset from the direction of driving."""
 
 import math
 from collections.abc import Iterator
@@ -16,18 +16,22 @@ LEAST_OFFSET = 10.0  # a robot that slides in bends drives some degrees off its 
 
 
 def check_heading(log: Log, robot: Robot) -> Iterator[Check]:
-    """Offset of a heading from the direction of driving, by the fixes."""
+    """Offset of a heading from the direction of driving, by fixes or truth."""
     mapping, found = topic_map(robot), heading_offset(log)
     mapped = mapping.heading or (mapping.columns.heading if mapping.columns else None)
-    if mapped is None or found is None:
+    if mapped is None:
+        return
+    name, in_file = "offset of the heading", f"{mapped.offset_deg:g} deg"
+    if found is None:
+        yield Check(name, in_file, "not seen: no clear courses by fixes, no truth with headings")
         return
     # `read_log` has added the offset of the file to the headings.
     left, sigma = found
     offset = math.degrees(wrap_angle(math.radians(mapped.offset_deg + left)))
     check = Check(
-        "offset of the heading",
-        f"{mapped.offset_deg:g} deg",
-        f"{offset:.1f} ± {sigma:.1g} deg to the direction of driving, by the fixes",
+        name,
+        in_file,
+        f"{offset:.1f} ± {sigma:.1g} deg, by the {'truth' if log.fixes is None else 'fixes'}",
         measured=Measured(offset, "deg", mapped.offset_deg, sigma),
     )
     if abs(left) < max(LEAST_OFFSET, SIGMAS * sigma):

@@ -2,11 +2,12 @@
 
 The path by gyro and tracks has the right shape over a window of two minutes, but for its scale, its
 heading, the gyro's bias, and the place of the antenna (or of the centre of turning). These are fitted to
-the fixes in each window. What is left is the error of the fixes, as far as the fit has not taken it: white noise, and a Gauss-Markov process of one
-standard deviation and one correlation time for all windows. Both are found by restricted maximum
-likelihood, which accounts for the fit (Patterson and Thompson, Biometrika 58, 1971). Errors of odometry
-look like wander, too: a wander that is not clearly larger is not proposed, unless the fixes state it: a
-receiver that states 0.8 m, and whose fixes scatter by 2 cm, has slow errors of the stated size.
+the fixes in each window. What is left is the error of the fixes, as far as the fit has not taken it:
+white noise, and a Gauss-Markov process of one standard deviation and one correlation time for all
+windows. Both are found by restricted maximum likelihood, which accounts for the fit (Patterson and
+Thompson, Biometrika 58, 1971). Errors of odometry look like wander, too: a wander that is not clearly
+larger is not proposed, unless the fixes state it: a receiver that states 0.8 m, and whose fixes scatter
+by 2 cm, has slow errors of the stated size.
 
 Places are complex numbers x + i y. So turn and scale are one factor, and both axes have one likelihood.
 """

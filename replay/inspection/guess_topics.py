@@ -51,8 +51,8 @@ PLACEHOLDER_SIGMA = 0.05
 """Placeholder sigma of fixes without a covariance [m] and of headings [rad], for the user to replace."""
 
 
-def guess_topics(surveys: Iterable[Survey]) -> TopicMap:
-    """Guess the topic of each stream.
+def guess_topics(surveys: Iterable[Survey], fixes: str | None = None) -> TopicMap:
+    """Guess the topic of each stream; `fixes` is that of the fixes, if it is known.
 
     Track speeds come from a JointState with velocities of left and right joints, from two topics with
     a number each, from numbers of another message by their names, or else from an odometry. The IMU is
@@ -67,6 +67,8 @@ def guess_topics(surveys: Iterable[Survey]) -> TopicMap:
     tracks, imu, heading = _tracks(sensors), _imu(sensors), _heading(sensors)
     if tracks:
         del sensors[tracks.topic]  # an odometry that gives track speeds is no fix, too
+    if fixes in by_topic:
+        sensors = {fixes: by_topic[fixes]}
     return TopicMap(tracks, imu, _fixes(sensors), _truth(truths, tracks), heading)
 
 

@@ -100,7 +100,7 @@ def inspect(
     """
     paths, first = as_paths(path), first_path(path)
     surveys, notes, tables = _survey_files(paths, definitions)
-    mapping = guess_topics(surveys.values())
+    mapping = guess_topics(surveys.values(), sizes.log.get("fixes", {}).get("topic"))
     if tables:
         time_column = str(sizes.log.get("columns", {}).get("time", ""))
         mapping = replace(mapping, columns=guess_columns(tables, time_column))

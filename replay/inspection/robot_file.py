@@ -343,8 +343,8 @@ def _heading_keys(heading: HeadingTopic, log: Log | None) -> list[str]:
     keys = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
     offset = None if log is None else heading_offset(log)
     if offset is None:
-        return [*keys, f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)"]
-    remark = f"± {offset[1]:.1g}: direction of driving, by the fixes, less heading"
+        return [*keys, f"offset_deg = nan    {FILL_IN} (to the direction of driving)"]
+    remark = f"± {offset[1]:.1g}: direction of driving less heading"
     return [*keys, f"offset_deg = {_to_tenth(offset[0])}    # {remark}"]
 
 

@@ -1,6 +1,6 @@
 """First estimates of wheels, units and standstills from a log, without a filter."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
 from icreckon.estimator.log.failed_sensors import stuck_sides
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
-from icreckon.estimator.log.scores import even_grid
+from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.log.series import running_integral
 from icreckon.replay.inspection import imu_mounting
 
@@ -184,32 +184,46 @@ def unit_of_gravity(force: float) -> str:
 
 
 def heading_offset(log: Log) -> tuple[float, float] | None:
-    """Offset from heading to direction of driving, standard error [deg]; or None."""
+    """Offset from heading to direction of driving, standard error [deg]; or None.
+
+    It is that in the frame of the fixes, or without fixes in that of a truth with headings.
+    """
     headings = [other for other in log.others if isinstance(other, HeadingFix)]
-    if log.fixes is None or len(log.fixes.stamps) < 2 or len(headings) < 2:
+    if len(headings) < 2:
         return None
-    stamps, positions = log.fixes.stamps, log.fixes.poses[:, :2]
-    sigma = float(np.sqrt(np.median(log.fixes.variances[:, 0])))
-    measured = np.array([heading.stamp for heading in headings])
+    stamps = np.array([heading.stamp for heading in headings])
     yaws = np.unwrap([heading.yaw for heading in headings])
-    offsets = []  # unit complex numbers, so that angles can be averaged
-    begin = 0  # row of the fix at which a course begins
-    for row in range(1, len(stamps)):
-        x, y = positions[row] - positions[begin]
-        if np.hypot(x, y) < max(COURSE_LENGTH, 5.0 * sigma):
-            continue
-        if (stamps[row] - stamps[begin]) * NANOSECOND < COURSE_TIME:
-            middle = (stamps[row] + stamps[begin]) // 2
+    truth, offsets = log.truth, list[complex]()  # unit numbers, so that angles can be averaged
+    if log.fixes is not None:
+        places, sigmas = log.fixes.poses[:, :2], np.sqrt(log.fixes.variances[:, 0])
+        for begin, end in _courses(log.fixes.stamps, places, sigmas):
+            x, y = places[end] - places[begin]
+            middle = (log.fixes.stamps[end] + log.fixes.stamps[begin]) // 2
             course = np.arctan2(y, x) + (np.pi if _drives_backward(log, middle) else 0.0)
-            offsets.append(np.exp(1j * (course - np.interp(middle, measured, yaws))))
-        begin = row
+            offsets.append(np.exp(1j * (course - np.interp(middle, stamps, yaws))))
+    elif truth is not None and truth.headings:
+        known = truth.poses.stamps
+        is_inside = (stamps >= known[0]) & (stamps <= known[-1])
+        true_yaws = interpolate_poses(truth.poses, stamps[is_inside])[:, 2]
+        offsets = np.exp(1j * (true_yaws - yaws[is_inside])).tolist()
     if len(offsets) < FEWEST_WINDOWS:
         return None
     mean = complex(np.mean(offsets))
     if abs(mean) < CLEAR_COURSE:
         return None
-    spread = np.sqrt(-2.0 * np.log(abs(mean)) / len(offsets))
+    spread = np.sqrt(-2.0 * np.log(min(1.0, abs(mean))) / len(offsets))
     return float(np.degrees(np.angle(mean))), float(np.degrees(spread))
+
+
+def _courses(stamps: Stamps, places: Floats, sigmas: Floats) -> Iterator[tuple[int, int]]:
+    """Yield the rows of fixes between which a robot has a course that they show."""
+    begin = 0
+    for row in range(1, len(stamps)):
+        least = max(COURSE_LENGTH, 5.0 * sigmas[begin], 5.0 * sigmas[row])
+        if np.hypot(*(places[row] - places[begin])) >= least:
+            if (stamps[row] - stamps[begin]) * NANOSECOND < COURSE_TIME:
+                yield begin, row
+            begin = row
 
 
 def _drives_backward(log: Log, stamp: int) -> bool:
