@@ -20,6 +20,7 @@ from icreckon.estimator.calibration.result import Calibration
 from icreckon.estimator.calibration.segments import Recording, motion_of, record
 from icreckon.estimator.log import lag
 from icreckon.estimator.log.failed_sensors import stuck_sides, turning_at
+from icreckon.estimator.log.lever_arm import headings_and_lever_arm
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault, headings_by_path
 from icreckon.estimator.log.scores import path_length
@@ -188,7 +189,13 @@ def _with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     places, path_places = lag.places_of(truth.poses), lag.places_of(path)
     found_lag = lag.find_lag(places, path_places, least=lag.LEAST_SPEEDING)
     lag_ns = 0 if isinstance(found_lag, lag.NoLag) else round(found_lag.seconds / NANOSECOND)
-    headings = headings_by_path(truth.poses, PoseSeries(path.stamps + lag_ns, path.poses))
+    late_path = PoseSeries(path.stamps + lag_ns, path.poses)
+    headings = headings_by_path(truth.poses, late_path)
+    if headings is not None:
+        # Lever arm and headings need a path of the right length.
+        scaled = replace(late_path, poses=path.poses * (headings.scale, headings.scale, 1.0))
+        found = headings_and_lever_arm(truth.poses, scaled)
+        headings = None if found is None else found[0]
     if headings is None:
         raise EstimatorError(
             f"log {log.name!r}: the headings of the truth {fault}, and the robot moves too little to "
@@ -200,8 +207,11 @@ def _with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
         "y_ICR and the difference of the radii are less certain than stated. Of the gyro such headings "
         "show nothing: its scale and bias are by the tracks and the positions"
     )
-    # Twists of such a truth are not used.
-    truth = replace(truth, poses=headings.poses, twists=None, headings=True)
+    # Twists of such a truth are not used. The place is that of the tracked point.
+    inside = np.isin(truth.poses.stamps, headings.poses.stamps)
+    columns = np.column_stack([truth.poses.poses[inside, :2], headings.poses.poses[:, 2]])
+    poses = replace(headings.poses, poses=columns)
+    truth = replace(truth, poses=poses, twists=None, headings=True)
     return replace(log, truth=truth), (remark,)
 
 

@@ -36,6 +36,7 @@ class PathHeadings(NamedTuple):
     sigma: float  # median of the headings' standard errors [rad]
     start_sigma: float  # that of the first heading [rad]
     noise: float  # distance of the positions from the path over a few metres, per axis [m]
+    scale: float  # length of the positions over that of the path [-]
 
 
 def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> str | None:
@@ -124,14 +125,14 @@ def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | Non
         return None
     # Noise of the positions lengthens their path, but not the scale.
     travelled = interpolate(path.stamps, path_length(path)[:, None], stamps)[:, 0]
-    travelled *= np.median(scale[is_good])
+    length_ratio = float(np.median(scale[is_good]))
     known, everywhere = np.flatnonzero(is_good), np.arange(len(stamps))
     turns = np.interp(everywhere, known, np.unwrap(turn[is_good]))
     sigmas = np.interp(everywhere, known, sigma[is_good])
     columns = np.column_stack([places.poses[inside, :2], yaw + turns])
-    poses = PoseSeries(stamps, columns, travelled=travelled)
+    poses = PoseSeries(stamps, columns, travelled=length_ratio * travelled)
     noise = float(np.sqrt(np.median(variance[is_good])))
-    return PathHeadings(poses, float(np.median(sigmas)), float(sigmas[0]), noise)
+    return PathHeadings(poses, float(np.median(sigmas)), float(sigmas[0]), noise, length_ratio)
 
 
 def _turns(z: NDArray[Any], r: NDArray[Any]) -> tuple[Floats, Floats, Floats, Floats, Flags]:

@@ -26,6 +26,7 @@ from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import write_text
 from icreckon.replay.calibration.results import headline, summarise_calibration
 from icreckon.replay.calibration.robot_file import FIRST_WORDS, robot_file_text
+from icreckon.replay.checking.check import has_track_rates
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
 from icreckon.replay.checking.worth import VARIANT
 from icreckon.replay.comparison.results import json_types, write_results
@@ -142,7 +143,7 @@ def _calibrate(
                 segment=segment,
                 lever_arm=lever_arm,
                 models=models,
-                speeds_by_radius=topic_map(robot).in_rates,
+                speeds_by_radius=has_track_rates(robot),
                 progress=report,
             )
         except IcreckonError as problem:

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.base.frames import relative, rotate
+from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.lag import (
     LEAST_SPEEDING,
     LEAST_TURN,
@@ -21,20 +20,14 @@ from icreckon.estimator.log.lag import (
     heading_of,
     places_of,
 )
-from icreckon.estimator.log.path_heading import PathHeadings, headings_by_path
-from icreckon.estimator.log.scores import even_grid, interpolate_poses, pieces
-from icreckon.estimator.log.series import ImuSeries, PoseSeries, Truth
+from icreckon.estimator.log.lever_arm import at_lever_arm, headings_and_lever_arm, lever_arm
+from icreckon.estimator.log.path_heading import PathHeadings
+from icreckon.estimator.log.series import ImuSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.replay.comparison.fixes import OF_FIXES
 from icreckon.replay.comparison.truth_level import levelled
 
-GRID_STEP = 0.1
-LEVER_WINDOW = 2.0
-LARGEST_HOLE = 0.5  # windows across a longer gap in the truth are omitted [s]
-ROUNDS = 3  # rounds of headings and lever arm of a truth without headings
 LOGGED_START_SIGMA = (0.02, 0.01)  # sigma of the initial pose from a logged truth [m, rad]
-TRIMMED_SHARE = 0.8  # share of the windows kept for the lever arm, by their residuals [-]
-LEAST_TURNING = 0.1  # least RMS turning in windows at which a lever arm is observable [rad]
 
 
 @dataclass(frozen=True)
@@ -124,25 +117,17 @@ def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
     A filter's base_link is its mean turning centre, which depends on its model and parameters. The same
     truth therefore has another lever arm for each filter.
     """
-    lever = np.zeros(2)
-    headings = None
-    series = truth.poses
-    # The point's path is not that of base_link: its headings are found again without the lever arm.
-    for _ in range(1 if truth.headings else ROUNDS):
-        if not truth.headings:
-            headings = headings_by_path(series, reckoned.pose_series)
-            if headings is None:
-                return TruthAlignment(0.0, (0.0, 0.0), truth)
-            series = headings.poses
-        correction = _lever_arm(series, reckoned.pose_series)
-        poses = series.poses.copy()
-        poses[:, :2] -= rotate(correction, poses[:, 2])
-        lever = lever + correction
-        series = replace(series, poses=poses)
+    path, headings = reckoned.pose_series, None
+    if truth.headings:
+        lever = lever_arm(truth.poses, path)
+        series = at_lever_arm(truth.poses, -lever)
+    elif (found := headings_and_lever_arm(truth.poses, path)) is not None:
+        headings, lever, series = found
+    else:
+        return TruthAlignment(0.0, (0.0, 0.0), truth)
     series, tilt = levelled(series, reckoned)
-    lever_arm = (float(lever[0]), float(lever[1]))
-    aligned = replace(truth, poses=series)
-    return TruthAlignment(0.0, lever_arm, aligned, headings=headings, tilt=tilt)
+    aligned, (forward, left) = replace(truth, poses=series), lever.tolist()
+    return TruthAlignment(0.0, (forward, left), aligned, headings=headings, tilt=tilt)
 
 
 def own_alignment(common: TruthAlignment, reckoned: Trajectory) -> TruthAlignment:
@@ -150,45 +135,3 @@ def own_alignment(common: TruthAlignment, reckoned: Trajectory) -> TruthAlignmen
     own = align_place(common.truth, reckoned)
     (common_x, common_y), (own_x, own_y) = common.lever_arm, own.lever_arm
     return replace(own, lag=common.lag, lever_arm=(common_x + own_x, common_y + own_y))
-
-
-def _windows(truth: PoseSeries, reckoned: PoseSeries) -> tuple[Stamps, Stamps]:
-    """Starts and ends [ns] of windows in both series without a gap in the truth."""
-    low = max(truth.stamps[0], reckoned.stamps[0])
-    high = min(truth.stamps[-1], reckoned.stamps[-1]) - int(LEVER_WINDOW / NANOSECOND)
-    starts = even_grid(low, high, int(GRID_STEP / NANOSECOND), truth.stamps)
-    ends = starts + int(LEVER_WINDOW / NANOSECOND)
-    piece_numbers = pieces(truth.stamps, LARGEST_HOLE)
-    first = np.searchsorted(truth.stamps, starts, side="right") - 1
-    last = np.minimum(np.searchsorted(truth.stamps, ends), len(piece_numbers) - 1)
-    unbroken = piece_numbers[first] == piece_numbers[last]
-    return starts[unbroken], ends[unbroken]
-
-
-def _lever_arm(truth: PoseSeries, reckoned: PoseSeries) -> Floats:
-    """Lever arm (2,) [m] by trimmed least squares.
-
-    Relative to its start, a point at l in base_link moves by the motion of base_link plus (R - I) l,
-    with R the rotation within the window. Zero with few windows or little turning.
-    """
-    starts, ends = _windows(truth, reckoned)
-    if len(starts) < 10:
-        return np.zeros(2)
-    true_steps, reckoned_steps = (
-        relative(interpolate_poses(series, starts), interpolate_poses(series, ends))
-        for series in (truth, reckoned)
-    )
-    angle = true_steps[:, 2]
-    if np.sqrt(np.mean(angle**2)) < LEAST_TURNING:
-        return np.zeros(2)
-    cos, sin = np.cos(angle) - 1.0, np.sin(angle)
-    # Matrices R - I (n, 2, 2) of the windows.
-    design = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], axis=1)
-    motion_difference = (true_steps - reckoned_steps)[:, :2]
-    keep, lever = np.ones(len(motion_difference), dtype=bool), np.zeros(2)
-    for _ in range(3):
-        wanted = motion_difference[keep].ravel()
-        lever = np.linalg.lstsq(design[keep].reshape(-1, 2), wanted, rcond=None)[0]
-        residual = np.hypot(*(motion_difference - design @ lever).T)
-        keep = residual <= np.quantile(residual, TRIMMED_SHARE)
-    return np.asarray(lever)

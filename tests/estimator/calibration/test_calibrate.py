@@ -13,6 +13,7 @@ from calibration import Case, compared, make_case
 from conftest import sample, thorough
 from icreckon import Calibration, EstimatorError, Log, Robot, Scenario, calibrate, load_robot
 from icreckon.estimator.calibration.common_values import KEPT
+from icreckon.estimator.log.lever_arm import at_lever_arm
 from icreckon.estimator.log.series import PoseSeries, TrackSpeedSeries, Truth
 from icreckon.replay.inspection.latency import track_latency
 from icreckon.simulation.simulate import run_scenario
@@ -368,3 +369,15 @@ def test_the_gyro_is_not_compared_with_headings_that_it_made(drive: str) -> None
     assert bias.value == pytest.approx(true, abs=2.5 * bias.sigma)
     assert bias.sigma < 0.004 < scale.sigma
     assert any("Of the gyro such headings show nothing" in note for note in found.notes)
+
+
+def test_an_antenna_off_the_centre_changes_no_scale() -> None:
+    """Its path is longer in bends: headings by the path of the robot made the tracks 1 % too short."""
+    scenario = Scenario(duration=90.0, trajectory="random", seed=3, fix_rate=0.0, truth="kinematic")
+    log = run_scenario(scenario, ROBOT).log
+    expected = calibrate([log], ROBOT, models=("constant",)).parameter("sprocket_radius").value
+    antenna = at_lever_arm(log.truth.poses, np.array([-0.4, 0.2]))
+    truth = replace(log.truth, poses=antenna).positions_alone()
+    for lever in (None, (-0.4, 0.2)):
+        found = calibrate([replace(log, truth=truth)], ROBOT, models=("constant",), lever_arm=lever)
+        assert found.parameter("sprocket_radius").value == pytest.approx(expected, rel=0.002)

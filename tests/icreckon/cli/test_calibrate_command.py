@@ -24,6 +24,7 @@ from readme import code_blocks, run_page
 
 PAGE = "docs/tutorials/calibrate.md"
 ROBOT = load_robot("auriga-alpha")
+RADIUS = ROBOT.vehicle.sprocket_radius
 
 
 @pytest.mark.parametrize(("before", "warns"), [(2.05, True), (3.0, False), (math.nan, False)])
@@ -47,6 +48,20 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert "The data support inertia-based ICRs" in done.stdout
     assert "held, not shown" in done.stdout
     return folder
+
+
+def test_a_radius_is_corrected_without_a_map_of_the_topics(tmp_path: Path) -> None:
+    """The bag has the map: its track speeds are rates."""
+    wrong = changed_robot(ROBOT, {"vehicle.sprocket_radius": 1.1 * RADIUS})
+    for name, robot in (("true.toml", ROBOT), ("wrong.toml", wrong)):
+        (tmp_path / name).write_text(robot_toml(msgspec.structs.replace(robot, log={})))
+    words = ("--robot", "true.toml", "--duration", 60, "--trajectory", "aggressive")
+    succeeds("simulate", "--out", "drive", *words, cwd=tmp_path)
+    words = ("--robot", "wrong.toml", "--models", "constant", "--write", "right.toml")
+    succeeds("calibrate", "drive", *words, "--out", "right", cwd=tmp_path)
+    assert load_robot(tmp_path / "right.toml").vehicle.sprocket_radius == pytest.approx(
+        RADIUS, rel=0.03
+    )
 
 
 def test_a_narrow_terminal_gets_the_verdict_first_and_fewer_columns(folder: Path) -> None:
