@@ -161,6 +161,8 @@ def _forward_errors(log: Log, robot: Robot) -> Floats:
 def _controller_lines(logs: Sequence[Log], robot: Robot, source: str, proposed: bool) -> list[str]:
     """Parameters of the controller, and the latency of its speeds."""
     errors, radius_difference = twist_errors(logs, robot), robot.tracks.difference
+    tracks = check.mapped_tracks(robot)
+    scale = 1.0 if tracks is None or check.has_track_rates(robot) else tracks.scale
     # Variances of v_x, v_y, v_z and the rates about x, y, z.
     variances = [errors.forward**2, *[UNMEASURED] * 4, errors.turning**2]
     by_default = "by default, with nothing to compare with"
@@ -170,8 +172,8 @@ def _controller_lines(logs: Sequence[Log], robot: Robot, source: str, proposed: 
         "  ros__parameters:",
         *(_proposed_separation(logs, robot) if proposed else _separation(logs, robot, source)),
         *_radius_lines(logs, robot),
-        f"    left_wheel_radius_multiplier: {1.0 - 0.5 * radius_difference:.4f}",
-        f"    right_wheel_radius_multiplier: {1.0 + 0.5 * radius_difference:.4f}",
+        f"    left_wheel_radius_multiplier: {scale * (1.0 - 0.5 * radius_difference):.4f}",
+        f"    right_wheel_radius_multiplier: {scale * (1.0 + 0.5 * radius_difference):.4f}",
         f"    # v_x: {errors.forward:.2g} m/s {errors.forward_reference or by_default}; "
         f"w: {errors.turning:.2g} rad/s {errors.turning_reference or by_default}",
         f"    twist_covariance_diagonal: {_numbers(variances)}",
@@ -221,7 +223,7 @@ def _separation(logs: Sequence[Log], robot: Robot, source: str) -> list[str]:
         if is_other_track(mean / multiplier):
             comment = f"{evidence}, which contradicts {multiplier:.4g} {source}"
             multiplier = mean
-    if check.from_twist(robot):
+    if check.from_twist(robot) and "gauge" not in robot.log["tracks"]:
         comment += "; times that of the controller which made this odometry"
     return [
         f"    wheel_separation: {_number(gauge)}  # m, between the centrelines",

@@ -30,6 +30,7 @@ from icreckon.replay.checking.check import (
     Estimate,
     Measured,
     effective_track,
+    from_twist,
     has_track_rates,
     in_base,
     mapped_tracks,
@@ -180,6 +181,16 @@ def _clear_turning(
         by_imu = yaw is not None and abs(yaw) == 180.0
     if turns_alike and not is_backward:
         return check
+    if from_twist(robot):
+        wrong = [
+            *(["forward speed"] if is_backward else []),
+            *([] if turns_alike else ["yaw rate"]),
+        ]
+        order = slice(None, None, -1 if turns_alike == bool(is_backward) else 1)
+        sign = -1.0 if is_backward else 1.0
+        text = f"the odometry has the wrong sign of {' and '.join(wrong)}"
+        remedy = "its driver, or record the speeds of both sides"
+        return check.contradicted(text, remedy, with_speeds(lambda v: sign * v[:, order]))
     minus = 'with a minus before each name, as "-motor"'
     table = tracks_table(robot)
     exchange = f"exchange left and right in [{table}]"

@@ -227,7 +227,7 @@ def _mounting_and_vertical(
     """Mounting of the IMU and rate about the vertical (n,) [rad/s]; None if unknown."""
     mounting = imu_mounting.estimate_mounting(log)
     if mounting is not None and mount is not None:
-        mounting = static_frames.with_static_yaw(mounting, mount) or mounting
+        mounting = static_frames.with_static_yaw(mounting, mount, log) or mounting
     vertical = imu_mounting.vertical_rate(log.imu, mounting) if log.imu and mounting else None
     return mounting, vertical
 

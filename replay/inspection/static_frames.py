@@ -7,15 +7,15 @@ from typing import NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.frames import matrix_to_rpy, rpy_to_matrix, wrap_angle
+from icreckon.estimator.base.frames import matrix_to_rpy, rpy_to_matrix
+from icreckon.estimator.log.log import Log
 from icreckon.replay.bags.message_types import IMU, NAVSATFIX, TF, TF_ROS1
-from icreckon.replay.inspection.imu_mounting import Mounting
+from icreckon.replay.inspection.imu_mounting import Mounting, forward_yaw, vertical_rate
 from icreckon.replay.inspection.topic_survey import Survey
 from icreckon.replay.reading.tf import TransformStream
 
 STATIC = "tf_static"
 MOST_TILT = np.radians(15.0)  # angle to gravity up to which it may be a slope [rad]
-MOST_YAW = np.radians(46.0)  # yaw that accelerations, to the next 90 deg, do not contradict [rad]
 BASES = ("base_footprint", "base_link")  # frames of the robot, the first that there is
 
 
@@ -39,7 +39,9 @@ def static_mounts(surveys: Collection[Survey]) -> dict[str, Mount]:
                     names = transform.header.frame_id, transform.child_frame_id
                     frames |= {name.strip("/") for name in names}
     base = next((frame for name in BASES for frame in sorted(frames) if frame.endswith(name)), None)
-    mounts = {}
+    mounts = dict[str, Mount]()
+    if transforms.static_links >= len(frames):
+        return mounts  # a loop: they are no tree
     for survey in surveys:
         if base is None or survey.channel.msgtype not in (IMU, NAVSATFIX):
             continue
@@ -52,30 +54,31 @@ def static_mounts(surveys: Collection[Survey]) -> dict[str, Mount]:
     return mounts
 
 
-def with_static_yaw(mounting: Mounting, mount: Mount) -> Mounting | None:
+def with_static_yaw(mounting: Mounting, mount: Mount, log: Log) -> Mounting | None:
     """Mounting with what the log does not show of it; None if the log contradicts it."""
-    if not mounting.up_shown_by:
+    imu = log.imu
+    if not mounting.up_shown_by or imu is None:
         angles = matrix_to_rpy(mount.rotation)
         return replace(mounting, rotation_rpy_deg=_degrees(angles), yaw_shown_by=STATIC)
-    roll, pitch, yaw = np.radians(mounting.rotation_rpy_deg)
+    roll, pitch, _ = np.radians(mounting.rotation_rpy_deg)
     turn = mount.rotation @ rpy_to_matrix(roll, pitch, 0.0).T
-    static_yaw = float(np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1]))
-    is_tilted = turn[2, 2] < np.cos(MOST_TILT)
-    if is_tilted or (mounting.yaw_shown_by and abs(wrap_angle(static_yaw - yaw)) > MOST_YAW):
-        return None
-    angles = roll, pitch, static_yaw
-    return replace(mounting, rotation_rpy_deg=_degrees(angles), yaw_shown_by=STATIC)
+    yaw = float(np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1]))
+    found = replace(mounting, rotation_rpy_deg=_degrees((roll, pitch, yaw)), yaw_shown_by=STATIC)
+    off = None
+    if mounting.up_shown_by == "gravity" and imu.linear_acceleration is not None:
+        horizontal = imu.linear_acceleration @ rpy_to_matrix(roll, pitch, yaw)[:2].T
+        off = forward_yaw(log.tracks, imu.stamps, horizontal, vertical_rate(imu, found))
+    return None if off or turn[2, 2] < np.cos(MOST_TILT) else found
 
 
 def contradiction(mounting: Mounting, mount: Mount) -> str:
     """Finding that a log shows another mounting than its static transform; or empty."""
-    if with_static_yaw(mounting, mount) is not None:
+    if mounting.yaw_shown_by == STATIC:
         return ""
     stated, shown = _degrees(matrix_to_rpy(mount.rotation)), mounting.rotation_rpy_deg
     by_tf, by_log = (", ".join(str(round(angle)) for angle in rpy) for rpy in (stated, shown))
-    return (
-        f"imu: {mount.source} is turned by ({by_tf}) deg; the log shows ({by_log}) deg, see [imu]"
-    )
+    yaw = "" if mounting.yaw_shown_by else " but for its yaw"
+    return f"imu: {mount.source} is turned by ({by_tf}) deg; the log shows ({by_log}) deg{yaw}: see [imu]"
 
 
 def _degrees(angles: Iterable[float]) -> tuple[float, float, float]:

@@ -157,6 +157,7 @@ def _navsatfix_row(message: Any) -> Row:
     if message.position_covariance_type != COVARIANCE_UNKNOWN:
         covariance = message.position_covariance
         variance = max(covariance[0], covariance[4])
+        variance = variance if variance > 0.0 else NAN  # zero is unset
     return (message.latitude, message.longitude, message.altitude, variance)
 
 

@@ -87,6 +87,11 @@ class TransformStream(Stream):
         unknown, (xy, z) = np.full((len(stamps), 5), NAN), np.split(poses.translations, [2], axis=1)
         return stamps[known], np.column_stack([xy, poses.rotations.as_quat(), unknown, z])[known]
 
+    @property
+    def static_links(self) -> int:
+        """Number of static transforms."""
+        return len(self._static)
+
     def static_pose(self) -> tuple[Floats, Floats] | None:
         """Translation (3,) [m] and rotation (3, 3) of the child frame; None unless static."""
         try:

@@ -191,6 +191,24 @@ def dead_from(log: Log, side: int, share: float, factor: float = 0.0) -> Log:
 
 
 @pytest.mark.parametrize("backward", [False, True])
+@pytest.mark.parametrize("turns_alike", [False, True])
+def test_signs_of_a_twist_are_those_of_its_driver(log: Log, backward, turns_alike) -> None:
+    """It has no sides to exchange."""
+    robot = with_values(ALPHA, log={"tracks": {"topic": "/odom"}})
+    sign, order = -1.0 if backward else 1.0, -1 if backward == turns_alike else 1
+    wrong = speeds(log, lambda v: sign * v[:, ::order])
+    found = problems(wrong, robot)
+    if turns_alike and not backward:
+        assert found == {}
+        return
+    assert ("forward speed" in found[TURNING], "yaw rate" in found[TURNING]) == (
+        backward,
+        not turns_alike,
+    )
+    assert problems(*corrected(wrong, robot)) == {}
+
+
+@pytest.mark.parametrize("backward", [False, True])
 def test_a_heading_off_the_direction_of_driving_is_named(backward: bool) -> None:
     scenario = Scenario(duration=110.0, seed=3, fix_rate=5.0, trajectory="slalom")
     log = simulate(scenario, ALPHA)

@@ -191,11 +191,14 @@ def test_static_transforms_give_positions_and_what_the_log_does_not_show(tmp_pat
     samples += [("/js", made.joints(stamp, (1.0, 1.2))) for stamp in seconds]
     samples += [("/gps/fix", made.navsatfix(stamp, 48.0, 11.0)) for stamp in seconds[::25]]
 
-    def with_frames(name: str, **turn: object) -> tuple[Inspection, Robot, TopicMap]:
+    def with_frames(
+        name: str, frames: tuple[str, str] = ("map", "world"), **turn: object
+    ) -> tuple[Inspection, Robot, TopicMap]:
         static = [
             made.transform(made.SECOND, "base_link", "plate", x=0.1, yaw=np.radians(30.0)),
             made.transform(made.SECOND, "plate", "imu_link", y=0.2, **turn),
             made.transform(made.SECOND, "/base_link", "gps", x=-0.2, y=0.1),
+            made.transform(made.SECOND, *frames),
         ]
         found = inspect(made.tf_bag(tmp_path / name, [], static, samples))
         return found, *proposed(found, tmp_path)
@@ -205,6 +208,8 @@ def test_static_transforms_give_positions_and_what_the_log_does_not_show(tmp_pat
     assert robot.imu.position == pytest.approx((0.0, 0.173, 0.0))
     assert (topics.fixes.topic, topics.fixes.position) == ("/gps/fix", (-0.2, 0.1))
     assert not any("see [imu]" in finding for finding in found.findings)
+    found, robot, _ = with_frames("loop", frames=("imu_link", "base_link"))
+    assert robot.imu.position == (0.0, 0.0, 0.0)
     found, robot, _ = with_frames("upside_down", q=(1.0, 0.0, 0.0, 0.0))
     assert robot.imu.rotation_rpy_deg == (0.0, 0.0, 0.0)
     (said,) = [finding for finding in found.findings if "see [imu]" in finding]

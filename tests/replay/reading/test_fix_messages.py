@@ -29,6 +29,7 @@ def test_gps(tmp_path: Path) -> None:
         navsatfix(6 * SECOND, 95.0, 13.0),
         navsatfix(7 * SECOND, 52.0, float("nan")),
         navsatfix(8 * SECOND, 52.0, 13.0, known=0),
+        navsatfix(9 * SECOND, 52.0, 13.0, variances=(0.0, 0.0)),
     ]
     log = read(tmp_path / "bag", [("/fix", fix) for fix in fixes], fixes={"topic": "/fix"})
     # By the lengths of a degree at this latitude on WGS 84, 100 m up.
@@ -41,7 +42,7 @@ def test_gps(tmp_path: Path) -> None:
         "fixes: receiver without a fix": 1,
         "fixes: not a place on the globe": 2,
         "fixes: not finite": 1,
-        "fixes: no covariance, and no position_sigma given": 1,
+        "fixes: no covariance, and no position_sigma given": 2,
     }
     assert "[52.00000000, 13.00000000, 100.00]" in log.notes[0]
     assert log.origin == (52.0, 13.0, 100.0) == log.part(1.0, 2.0).origin
