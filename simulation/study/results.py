@@ -185,38 +185,55 @@ def _reported_drift(runs: Runs) -> str:
 
 
 def _typical(runs: Runs) -> dict[str, Any]:
-    """Drift of a typical cell by variant: each cell has the same weight.
+    """Drift and final error of a typical cell by variant: each cell has the same weight.
 
-    `median_percent` is the median over cells of mean drifts; `ratio` the geometric mean over cells of the
-    ratios to the baseline, with its 95 % interval by leaving out true motions one by one.
+    `median_percent` is the median over cells of mean drifts; `ratio` of drifts and `end_ratio` of final
+    errors as of `_typical_ratios`.
     """
-    column = [statistic.name for statistic in runs.statistics].index(_reported_drift(runs))
-    drifts, motions = runs.values[..., column], runs.motions
-    baseline = drifts[list(runs.plan.labels).index(runs.plan.study.compared_with)]
-
-    def log_ratio(drift: Floats, counted: Any) -> float:
-        """Mean over cells of the log of the ratio, over `counted` runs (mask, or True)."""
-        in_both = np.isfinite(drift) & np.isfinite(baseline) & counted
-        drift_sum = np.where(in_both, drift, 0.0).sum(axis=1)
-        baseline_sum = np.where(in_both, baseline, 0.0).sum(axis=1)
-        has_ratio = np.asarray((drift_sum > 0.0) & (baseline_sum > 0.0))
-        if not has_ratio.any():
-            return math.nan
-        return float(np.log(drift_sum[has_ratio] / baseline_sum[has_ratio]).mean())
-
+    names = [statistic.name for statistic in runs.statistics]
+    drifts, errors = (
+        runs.values[..., names.index(of)] for of in (_reported_drift(runs), FINAL_ERROR)
+    )
+    ratios, end_ratios = _typical_ratios(runs, drifts), _typical_ratios(runs, errors)
     by_label = {}
-    for label, drift in zip(runs.plan.labels, drifts, strict=True):
-        without_one = [log_ratio(drift, motions != motion) for motion in np.unique(motions)]
-        mean_log, half_width = log_ratio(drift, True), jackknife_half_width(np.array(without_one))
+    for number, (label, drift) in enumerate(zip(runs.plan.labels, drifts, strict=True)):
         finite_drifts = [cell[np.isfinite(cell)] for cell in drift]
         means = [float(drifts.mean()) for drifts in finite_drifts if len(drifts)]
-        by_label[label] = {
-            "median_percent": float(np.median(means)) if means else np.nan,
-            "ratio": float(np.exp(mean_log)),
-            "ratio_low": float(np.exp(mean_log - half_width)),
-            "ratio_high": float(np.exp(mean_log + half_width)),
-        }
+        by_label[label] = {"median_percent": float(np.median(means)) if means else np.nan}
+        for name, found in (("ratio", ratios), ("end_ratio", end_ratios)):
+            ends = ("", "_low", "_high")
+            by_label[label] |= {
+                f"{name}{end}": value for end, value in zip(ends, found[number], strict=True)
+            }
     return by_label
+
+
+def _typical_ratios(runs: Runs, values: Floats) -> list[tuple[float, float, float]]:
+    """Geometric means over cells of the ratios to the baseline, of each variant.
+
+    Each has the ends of its 95 % interval, by leaving out true motions one by one. `values` are
+    (filters, cells, runs).
+    """
+    motions = runs.motions
+    baseline = values[list(runs.plan.labels).index(runs.plan.study.compared_with)]
+
+    def log_ratio(value: Floats, counted: Any) -> float:
+        """Mean over cells of the log of the ratio, over `counted` runs (mask, or True)."""
+        in_both = np.isfinite(value) & np.isfinite(baseline) & counted
+        sums = (np.where(in_both, one, 0.0).sum(axis=1) for one in (value, baseline))
+        value_sum, baseline_sum = sums
+        has_ratio = np.asarray((value_sum > 0.0) & (baseline_sum > 0.0))
+        if not has_ratio.any():
+            return math.nan
+        return float(np.log(value_sum[has_ratio] / baseline_sum[has_ratio]).mean())
+
+    found = []
+    for value in values:
+        without_one = [log_ratio(value, motions != motion) for motion in np.unique(motions)]
+        mean, half_width = log_ratio(value, True), jackknife_half_width(np.array(without_one))
+        low, high = mean - half_width, mean + half_width
+        found.append((math.exp(mean), math.exp(low), math.exp(high)))
+    return found
 
 
 def _final_errors(runs: Runs) -> list[dict[str, Any]]:

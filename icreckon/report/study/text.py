@@ -74,11 +74,11 @@ def _comparison(results: Results, name: str) -> str:
     if _is_finite(low) and _is_finite(high):
         text += change_range((low, high), "; not significant" if low <= 1.0 <= high else "")
     text += _wins_and_losses(results, name)
-    end, ratio = results["overall"][name][FINAL_ERROR], typical["ratio"]
-    is_known = _is_finite(end["ratio_low"])
-    if is_known and (ratio < 1.0 < end["ratio_low"] or end["ratio_high"] < 1.0 < ratio):
+    ratio, low, high = typical["ratio"], typical["end_ratio_low"], typical["end_ratio_high"]
+    if _is_finite(low) and (ratio < 1.0 < low or high < 1.0 < ratio):
         # The error at the end contradicts the drift.
-        text += f". Its error at the end is {change(end['ratio'])} ({_between(end, 'ratio')} times)"
+        end_error = f"{change(typical['end_ratio'])}{change_range((low, high), '')}"
+        text += f". Its error at the end is {end_error}"
     return f"{text}."
 
 
@@ -246,10 +246,10 @@ def _table(
     """Table with a row for each place and variant; the first row of a place names it."""
     drift = f"{title_of(results, results['drift'])}, %"
     if narrow:
-        numbers = [drift.replace(" after", "\nafter"), "ratio", "final\nerror, m", "NEES"]
+        numbers = [drift.replace(" after", "\nafter"), "ratio", "median\nfinal\nerror, m", "NEES"]
     else:
         ratio = f"ratio to {results['baseline']}"
-        numbers = [drift, ratio, "final error, m", "95th percentile, m", "NEES at the end"]
+        numbers = [drift, ratio, "median final error, m", "95th percentile, m", "NEES at the end"]
     rows = []
     for place in places:
         values = place.values
