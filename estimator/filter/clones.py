@@ -22,6 +22,9 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.filter.changes import Moved, Updated
 
+# Least variance of a motion in any direction [m², rad²]: a robot that stands has none by its filter, and
+# rounding of the difference of two marks may make it negative.
+LEAST_VARIANCE = 1e-8
 MOST_MARKS = 20  # each clone costs time in every step, and space in every checkpoint of the history
 
 
@@ -168,7 +171,7 @@ class Clones(msgspec.Struct, frozen=True):
         of_start = slice(3 * start, 3 * start + 3)
         if to_stamp is None:
             pose, covariance = self.poses[start], self.covariance[of_start, of_start]
-            return RelativeMotion(from_stamp, now, pose.copy(), covariance.copy())
+            return RelativeMotion(from_stamp, now, pose.copy(), _regular(covariance))
         # From the first mark to now, and back from there to the second: with the turn between the marks
         # the place is p_start - R(turn) p_end.
         end = self.place(to_stamp)
@@ -183,7 +186,7 @@ class Clones(msgspec.Struct, frozen=True):
         jacobian[:, 3 * end : 3 * end + 3] += by_end
         covariance = jacobian @ self.covariance @ jacobian.T
         pose = np.array([to_now[0] - x, to_now[1] - y, turn])
-        return RelativeMotion(from_stamp, to_stamp, pose, 0.5 * (covariance + covariance.T))
+        return RelativeMotion(from_stamp, to_stamp, pose, _regular(covariance))
 
     def place(self, stamp: int) -> int:
         """Index of the clone of a stamp [ns]; `EstimatorError` if there is none."""
@@ -191,6 +194,15 @@ class Clones(msgspec.Struct, frozen=True):
             marks = list(self.stamps)
             raise EstimatorError(f"there is no mark at {stamp}; there are marks at {marks}")
         return self.stamps.index(stamp)
+
+
+def _regular(covariance: Floats) -> Floats:
+    """Symmetric covariance (3, 3) with at least `LEAST_VARIANCE` in each direction."""
+    covariance = 0.5 * (covariance + covariance.T)
+    variances, axes = np.linalg.eigh(covariance)
+    if variances[0] >= LEAST_VARIANCE:
+        return covariance
+    return np.asarray(axes * np.maximum(variances, LEAST_VARIANCE) @ axes.T)
 
 
 def _by_clone(rows: Floats) -> Floats:

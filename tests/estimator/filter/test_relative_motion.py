@@ -61,6 +61,22 @@ def test_straight_with_noisy_tracks_is_as_uncertain_as_integrated_white_noise():
     assert estimator.pose_covariance[0, 0] > 4.0
 
 
+def test_a_motion_at_rest_is_regular():
+    """A robot that stands between two marks: its information can be had, and is not infinite."""
+    estimator = PoseEstimator(ALPHA)
+    log = simulate(Scenario(duration=24.0, seed=3, trajectory="stop-and-go", fix_rate=0.0), ALPHA)
+    marks = [log.start + seconds(one) for one in (10.2, 11.2, 11.8)]
+    for m in log.measurements():
+        estimator.feed(m)
+        if marks and m.stamp > marks[0]:
+            estimator.mark(marks.pop(0))
+    for first in estimator.marks:
+        for other in estimator.marks:
+            covariance = estimator.relative_motion(first, other).end_covariance
+            assert np.linalg.inv(covariance).max() < 2e8
+            assert np.linalg.eigvalsh(covariance)[0] > 0.0
+
+
 def test_a_fix_that_turns_the_whole_path_does_not_bend_the_motion():
     v, yaw = 0.5, 0.6
     estimator = drive(v, v, 500, start_sigma=(0.0, 0.0, 1.0))
