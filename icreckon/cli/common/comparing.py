@@ -64,7 +64,8 @@ def compare_and_write(
         summary = summarise(comparison, robot, drifts=drifts, **origin)
         scored = None if case is None else case_scores(case, comparison, summary, drifts)
     with working("writing trajectories, tables and odometry"):
-        write_exports(folder, comparison, robot, formats)
+        best = None if summary["verdict"] is None else summary["verdict"]["best"]
+        write_exports(folder, comparison, robot, formats, best)
     # Free the runs: for a long log they take most of the memory.
     del comparison
     with working("writing page and figure"):

@@ -21,7 +21,8 @@ from icreckon.estimator.streaming.outputs import Run, icr_points
 from icreckon.replay.bags.writer import write_bag
 from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.comparison.compare import Comparison, compare
-from icreckon.replay.export.folder import write_kitti, write_tum
+from icreckon.replay.comparison.scores import truths_of
+from icreckon.replay.export.folder import write_exports, write_kitti, write_tum
 from icreckon.replay.export.formats import DEFAULT_FORMATS, FORMATS, parse_formats
 from icreckon.replay.export.log_bag import pose_messages
 from icreckon.replay.export.replay_bag import write_replay_bag
@@ -41,6 +42,20 @@ def comparison(robot: Robot) -> Comparison:
 @pytest.fixture(scope="module")
 def one(comparison: Comparison) -> Run:
     return comparison.runs["inertia-online"]
+
+
+def test_the_truth_is_written_as_the_best_variant_is_scored_by(
+    tmp_path: Path, robot: Robot
+) -> None:
+    """A variant without zeta0 has its base_link elsewhere: its truth is another one."""
+    log = simulate(Scenario(duration=60.0, trajectory="aggressive", truth="kinematic"), robot)
+    log = replace(log, fixes=None, truth=replace(log.truth, twists=None, tracks=None))
+    found = compare(log, robot, ("gyro", "inertia-online"))
+    write_exports(tmp_path, found, robot, ("tum",), best="inertia-online")
+    expected = truths_of(found)["inertia-online"].truth.poses.poses
+    written = read_tum(tmp_path / "ground_truth.tum").poses
+    np.testing.assert_allclose(written[:, :2], expected[:, :2], atol=1e-8)
+    assert np.abs(written[:, :2] - found.log.truth.poses.poses[:, :2]).max() > 0.01
 
 
 def test_formats_are_named_in_any_order_and_case() -> None:
