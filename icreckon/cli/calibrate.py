@@ -62,7 +62,7 @@ def command(
     models: Annotated[
         str | None,
         Option(
-            help="Models to compare, separated by commas (default: all): differential, constant, "
+            help="Models to compare, constant among them (default: all): differential, constant, "
             "inertia."
         ),
     ] = None,

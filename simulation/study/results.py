@@ -185,7 +185,7 @@ def _reported_drift(runs: Runs) -> str:
 
 
 def _typical(runs: Runs) -> dict[str, Any]:
-    """Drift and final error of a typical cell by variant: each cell has the same weight.
+    """Drift and final error of a typical cell by variant; all cells weigh the same.
 
     `median_percent` is the median over cells of mean drifts; `ratio` of drifts and `end_ratio` of final
     errors as of `_typical_ratios`.

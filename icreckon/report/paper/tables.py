@@ -71,7 +71,7 @@ def contradiction_text(results: Results) -> str:
     return (
         "The published epsilon0 and mean ICRs contradict each other: by least squares the mean "
         f"of s|F| would be {check['needed']:.0f} N ({low:.1f} to {high:.1f} N with rounding); "
-        f"the published parameters give {check['of_published_model']:+.0f} N, the motions here "
+        f"the published parameters give {check['of_published_model']:+.0f} N, all turning motions here "
         f"{check['of_map']:+.0f} N."
     )
 
