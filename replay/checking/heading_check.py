@@ -26,7 +26,7 @@ def check_heading(log: Log, robot: Robot) -> Iterator[Check]:
         yield Check(name, in_file, "not seen: no clear courses by fixes, no truth with headings")
         return
     # `read_log` has added the offset of the file to the headings.
-    left, sigma = found
+    left, sigma = found.value, found.sigma
     offset = math.degrees(wrap_angle(math.radians(mapped.offset_deg + left)))
     check = Check(
         name,
@@ -34,6 +34,15 @@ def check_heading(log: Log, robot: Robot) -> Iterator[Check]:
         f"{offset:.1f} ± {sigma:.1g} deg, by the {'truth' if log.fixes is None else 'fixes'}",
         measured=Measured(offset, "deg", mapped.offset_deg, sigma),
     )
+    if abs(found.change) > max(LEAST_OFFSET, SIGMAS * found.change_sigma):
+        others = tuple(other for other in log.others if not isinstance(other, HeadingFix))
+        yield check.contradicted(
+            f"the headings turn by {abs(found.change):.0f} ± {found.change_sigma:.1g} deg against the "
+            "direction of driving over the log",
+            "leave [log.heading] out, or look what turns it: iron, currents, a lost antenna",
+            lambda log, robot: (replace(log, others=others), robot),
+        )
+        return
     if abs(left) < max(LEAST_OFFSET, SIGMAS * sigma):
         yield check
         return

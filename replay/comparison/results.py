@@ -223,7 +223,8 @@ def _scatter_note(healths: list[Health]) -> list[str]:
     sigmas = sorted(finding.size or 0.0 for finding in final if finding.fault == "scattering")
     median = f", at the end {sigmas[len(sigmas) // 2]:.2g} m" if sigmas else ""
     return [
-        f"position fixes scatter more than stated: {most} were used with a larger sigma{median}; set "
+        f"position fixes scatter more than stated: {most} were used with a larger sigma{median}; a wrong "
+        "position of the antenna or offset_deg of a heading looks like it (icreckon check). Else set "
         "least_sigma in [log.fixes], or wander_sigma and wander_time where inspect proposes them"
     ]
 

@@ -344,8 +344,8 @@ def _heading_keys(heading: HeadingTopic, log: Log | None) -> list[str]:
     offset = None if log is None else heading_offset(log)
     if offset is None:
         return [*keys, f"offset_deg = nan    {FILL_IN} (to the direction of driving)"]
-    remark = f"± {offset[1]:.1g}: direction of driving less heading"
-    return [*keys, f"offset_deg = {_to_tenth(offset[0])}    # {remark}"]
+    remark = f"± {offset.sigma:.1g}: direction of driving less heading"
+    return [*keys, f"offset_deg = {_to_tenth(offset.value)}    # {remark}"]
 
 
 def _track_keys(tracks: TrackTopic) -> list[str]:

@@ -183,36 +183,50 @@ def unit_of_gravity(force: float) -> str:
     return ""
 
 
-def heading_offset(log: Log) -> tuple[float, float] | None:
-    """Offset from heading to direction of driving, standard error [deg]; or None.
+class HeadingOffset(NamedTuple):
+    """Offset from measured heading to direction of driving."""
 
-    It is that in the frame of the fixes, or without fixes in that of a truth with headings.
+    value: float  # [deg]
+    sigma: float  # its standard error [deg]
+    change: float  # linear part of its change from the begin of the log to the end [deg]
+    change_sigma: float  # standard error of that [deg]
+
+
+def heading_offset(log: Log) -> HeadingOffset | None:
+    """Offset of a heading in the frame of the fixes; None if not clear.
+
+    Without fixes it is that in the frame of a truth with headings.
     """
     headings = [other for other in log.others if isinstance(other, HeadingFix)]
     if len(headings) < 2:
         return None
     stamps = np.array([heading.stamp for heading in headings])
     yaws = np.unwrap([heading.yaw for heading in headings])
-    truth, offsets = log.truth, list[complex]()  # unit numbers, so that angles can be averaged
+    truth, times, yaws_of_robot = log.truth, list[int](), list[float]()
     if log.fixes is not None:
         places, sigmas = log.fixes.poses[:, :2], np.sqrt(log.fixes.variances[:, 0])
         for begin, end in _courses(log.fixes.stamps, places, sigmas):
             x, y = places[end] - places[begin]
-            middle = (log.fixes.stamps[end] + log.fixes.stamps[begin]) // 2
-            course = np.arctan2(y, x) + (np.pi if _drives_backward(log, middle) else 0.0)
-            offsets.append(np.exp(1j * (course - np.interp(middle, stamps, yaws))))
+            times.append(int(log.fixes.stamps[end] + log.fixes.stamps[begin]) // 2)
+            backward = np.pi if _drives_backward(log, times[-1]) else 0.0
+            yaws_of_robot.append(float(np.arctan2(y, x) + backward))
     elif truth is not None and truth.headings:
         known = truth.poses.stamps
-        is_inside = (stamps >= known[0]) & (stamps <= known[-1])
-        true_yaws = interpolate_poses(truth.poses, stamps[is_inside])[:, 2]
-        offsets = np.exp(1j * (true_yaws - yaws[is_inside])).tolist()
-    if len(offsets) < FEWEST_WINDOWS:
+        times = stamps[(stamps >= known[0]) & (stamps <= known[-1])].tolist()
+        yaws_of_robot = interpolate_poses(truth.poses, np.array(times))[:, 2].tolist()
+    if len(times) < FEWEST_WINDOWS:
         return None
-    mean = complex(np.mean(offsets))
+    # As complex numbers, so that angles can be averaged.
+    offsets = np.exp(1j * (np.array(yaws_of_robot) - np.interp(times, stamps, yaws)))
+    mean = complex(offsets.mean())
     if abs(mean) < CLEAR_COURSE:
         return None
-    spread = np.sqrt(-2.0 * np.log(min(1.0, abs(mean))) / len(offsets))
-    return float(np.degrees(np.angle(mean))), float(np.degrees(spread))
+    about_mean = np.degrees(np.angle(offsets * np.conj(mean)))
+    share = (np.array(times) - times[0]) / (times[-1] - times[0])
+    change, _ = np.polyfit(share, about_mean, 1)
+    error = float(about_mean.std()) / np.sqrt(len(times))
+    change_sigma = error / float(share.std())
+    return HeadingOffset(float(np.degrees(np.angle(mean))), error, float(change), change_sigma)
 
 
 def _courses(stamps: Stamps, places: Floats, sigmas: Floats) -> Iterator[tuple[int, int]]:

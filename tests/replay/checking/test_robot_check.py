@@ -1,5 +1,6 @@
 """A robot file against a log: each error is named, alone, and corrected; right files are left alone."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -228,6 +229,13 @@ def test_a_heading_off_the_direction_of_driving_is_named(backward: bool) -> None
     assert "deg right of the direction of driving" in found.problem
     assert found.settings["log.heading.offset_deg"] == pytest.approx(90.0, abs=5.0)
     assert HEADING not in problems(*found.correction(wrong, robot))
+    # A compass that drifts has no right offset.
+    span = log.duration * 1e9
+    drifting = tuple(
+        replace(fix, yaw=fix.yaw + 0.5 * (fix.stamp - log.start) / span) for fix in headings
+    )
+    said = problems(replace(log, truth=None, others=drifting), robot)[HEADING]
+    assert re.search(r"turn by (2[5-9]|3[0-2]) ± ", said)
 
 
 @pytest.mark.parametrize(("side", "name"), [(0, "left"), (1, "right")])

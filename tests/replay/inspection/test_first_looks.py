@@ -145,7 +145,7 @@ def test_the_offset_of_a_heading() -> None:
         for stamp, pose in zip(poses.stamps[chosen], poses.poses[chosen], strict=True)
     )
     log = replace(log, truth=None, fixes=fixes, others=headings)
-    assert wheels.heading_offset(log)[0] == pytest.approx(np.degrees(1.2), abs=3.0)
+    assert wheels.heading_offset(log).value == pytest.approx(np.degrees(1.2), abs=3.0)
     assert wheels.heading_offset(replace(log, others=())) is None
 
 
