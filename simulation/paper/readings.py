@@ -57,7 +57,7 @@ def read_means(mapped: DynamicMap, reading: Reading) -> ConstantIcr:
     Raises:
         SimulationError: nothing turns, or the means are not those of a skid-steer vehicle.
     """
-    chosen = _chosen(mapped, reading)
+    chosen = chosen_motions(mapped, reading)
     coordinates = [coordinate[chosen] for coordinate in mapped.icrs]
     if reading.means == "plain":
         means = [float(np.mean(values)) for values in coordinates]
@@ -80,7 +80,7 @@ def read_parameters(mapped: DynamicMap, reading: Reading, H: float | None = None
     Raises:
         SimulationError: too few motions, or a fit that is not that of a skid-steer vehicle.
     """
-    chosen = _chosen(mapped, reading)
+    chosen = chosen_motions(mapped, reading)
     H = on_spot_line(mapped) if H is None else H
     x_1, x_2 = symmetry_coordinates(mapped.motion.V_l[chosen], mapped.motion.V_r[chosen], H)
     force = mapped.magnitude[chosen]
@@ -116,7 +116,7 @@ def read_errors(
     return VelocityErrors(rmse(by_inertia, true, counted), rmse(by_constant, true, counted))
 
 
-def _chosen(mapped: DynamicMap, reading: Reading) -> NDArray[np.bool_]:
+def chosen_motions(mapped: DynamicMap, reading: Reading) -> NDArray[np.bool_]:
     """Mask of the motions in means and fits; a SimulationError if there are none."""
     difference = np.abs(mapped.motion.V_l - mapped.motion.V_r)
     chosen = mapped.turning & (difference >= reading.least_difference)

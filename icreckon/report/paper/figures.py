@@ -13,6 +13,7 @@ from icreckon.estimator.motion import icr
 from icreckon.estimator.robot.robot_file import ConstantIcr, Indices
 from icreckon.report.drawing import drawing
 from icreckon.simulation.paper.published import published_mean_icrs, published_parameters
+from icreckon.simulation.paper.readings import chosen_motions
 from icreckon.simulation.paper.reproduction import Reproduction, Row
 
 BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#777777"
@@ -48,21 +49,24 @@ def _draw_differences(path: Path, rows: tuple[Row, ...]) -> None:
         axes.axvspan(-20.0, 20.0, color=BLUE, alpha=0.08, label="within 20 %")
         axes.axvspan(-10.0, 10.0, color=BLUE, alpha=0.12, label="within 10 %")
         axes.axvline(0.0, color=GREY, linewidth=1.0)
+        axes.plot([], [], "o", color=RED, label="further off")
+        largest = max(abs(row.difference_percent) for row in rows)
+        edge = min(FARTHEST, max(25.0, 1.3 * largest))
         for line, row in enumerate(rows):
             difference = row.difference_percent
-            x = float(np.clip(difference, -FARTHEST, FARTHEST))
+            x = float(np.clip(difference, -edge, edge))
             marker = "o"
-            if abs(difference) > FARTHEST:
+            if abs(difference) > edge:
                 marker = ">" if difference > 0.0 else "<"
             axes.plot(x, line, marker, color=RED if abs(x) > 10.0 else BLUE)
             # Next to the right edge there is no room for a label on the right.
-            offset, alignment = (8, "left") if x < 0.75 * FARTHEST else (-8, "right")
+            offset, alignment = (8, "left") if x < 0.75 * edge else (-8, "right")
             style: Any = {"textcoords": "offset points", "va": "center", "fontsize": 8.5}
             label = f"{difference:+.1f} %"
             axes.annotate(label, (x, line), xytext=(offset, 0), ha=alignment, **style)
         labels = [f"{row.name} = {row.printed} {row.unit}".strip() for row in rows]
         axes.set_yticks(range(len(rows)), labels)
-        axes.set(xlim=(-1.08 * FARTHEST, 1.08 * FARTHEST), ylim=(len(rows) - 0.4, -0.6))
+        axes.set(xlim=(-1.08 * edge, 1.08 * edge), ylim=(len(rows) - 0.4, -0.6))
         axes.set(xlabel="reproduced less published [% of the published]", ylabel="published number")
         axes.legend(loc="lower left")
 
@@ -128,13 +132,18 @@ def _draw_fits(path: Path, reproduced: Reproduction) -> None:
     mapped, ours, theirs = reproduced.mapped, reproduced.parameters, published_parameters()
     motion, turning = mapped.motion, mapped.turning
     x_1, x_2 = icr.symmetry_coordinates(motion.V_l[turning], motion.V_r[turning], ours.H)
-    force = mapped.magnitude[turning]
+    force, used = (
+        mapped.magnitude[turning],
+        chosen_motions(mapped, reproduced.guess.reading)[turning],
+    )
     signs = (np.sign(x_2), np.sign(x_1) * np.sign(x_2), np.sign(x_1) * np.sign(x_2))
     force_labels = ("|F| sign(x₂) [N]", "|F| sign(x₁) sign(x₂) [N]", "|F| sign(x₁) sign(x₂) [N]")
     with _figure(path, 16.0, 5.0, title) as figure:
         for place, (values, sign) in enumerate(zip(mapped.indices, signs, strict=True)):
             axes = figure.add_subplot(1, 3, place + 1)
-            axes.plot(force * sign, values[turning], ".", color=BLUE, label="stationary motions")
+            for which, colour, name in ((used, BLUE, "fitted"), (~used, "#bbbbbb", "not fitted")):
+                at, shown = (force * sign)[which], values[turning][which]
+                axes.plot(at, shown, ".", color=colour, label=f"stationary motions, {name}")
             abscissa = np.linspace((force * sign).min(), (force * sign).max(), 200)
             for parameters, colour, style, name in (
                 (ours, RED, "-", "our fit"),
