@@ -273,7 +273,7 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
     # `read_log` has subtracted the latency of the file from the stamps.
     stated = 0.0 if tracks is None else tracks.latency
     latency = stated + lag.seconds
-    in_log = f"{latency:.3f} ± {lag.sigma:.3f} s after the gyro"
+    in_log = f"{latency:.3f} ± {lag.sigma:.1g} s after the gyro"
     measured = Measured(latency, "s", stated, lag.sigma)
     check = Check(LATENCY, f"{stated:g} s", in_log, measured=measured)
     if objection(lag) or abs(lag.seconds) <= max(LEAST_LATENCY, SIGMAS * lag.sigma):

@@ -31,7 +31,7 @@ from icreckon.replay.inspection import track_by_rate as by_rate
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
 from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of
 from icreckon.replay.inspection.guess_topics import guess_topics, may_be_a_side, other_positions
-from icreckon.replay.inspection.gyro_bias import gyro_bias
+from icreckon.replay.inspection.gyro_bias import LEAST_BY_TRACKS, SURE, gyro_bias
 from icreckon.replay.inspection.latency import objection, track_latency, truth_lag, without_lag
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap
@@ -112,13 +112,15 @@ def inspect(
         x, y, _ = mounts[mapping.fixes.topic].position.tolist()
         mapping = replace(mapping, fixes=replace(mapping.fixes, position=(x, y)))
     mapping = _with_keys(mapping, sizes.log)
-    mount = mounts.get(mapping.imu.topic) if mapping.imu else None
+    imu_topic = mapping.imu.topic if mapping.imu else ""
+    missing = static_frames.unplaced(surveys.values(), mounts, imu_topic)
+    mount = mounts.get(imu_topic)
     estimates = _estimates(paths, mapping, definitions, sizes, mount, notes)
     mapping, log, track = estimates.mapping, estimates.log, _track_by_rate(estimates)
     reports = _topic_reports(surveys.values(), mapping, log)
     for table in tables:
         reports += _column_reports(table, mapping.columns)
-    missing = [] if mapping.track_keys else [_missing_tracks(surveys.values())]
+    missing += [] if mapping.track_keys else [_missing_tracks(surveys.values())]
     if others := other_positions(surveys.values(), mapping):
         names = ", ".join(others)
         missing.append(f"positions not used: {names}; a topic of [log.fixes] or [log.truth]?")
@@ -540,6 +542,8 @@ def _error_findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
     if bias is not None and bias.source != "standstill":
         size = f"{bias.value:.4f} ± {bias.sigma:.4f} rad/s about the vertical while driving"
         refusal = "" if bias.differs(0.0) else ": not significant, not written"
+        if refusal and abs(bias.value) > SURE * bias.sigma:
+            refusal = f": below {LEAST_BY_TRACKS:g} rad/s the tracks may be it, not written"
         yield f"gyro bias: {size}, by the {bias.source}{refusal}"
     if isinstance(wander, FixWanderEstimate):
         yield f"fixes: {wander.text}"

@@ -1,6 +1,6 @@
 """Positions and mounting of sensors by the static transforms of a bag."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -52,6 +52,15 @@ def static_mounts(surveys: Collection[Survey]) -> dict[str, Mount]:
             source = f"{survey.frame_id} in {base} by /{STATIC}"
             mounts[survey.channel.topic] = Mount(*pose, source)
     return mounts
+
+
+def unplaced(surveys: Collection[Survey], mounts: Mapping[str, Mount], imu: str) -> list[str]:
+    """Finding on an IMU, by its topic, whose frame the static transforms lack."""
+    frames = {survey.channel.topic: survey.frame_id.strip("/") for survey in surveys}
+    has_static, frame = any(topic.endswith(STATIC) for topic in frames), frames.get(imu, "")
+    if not has_static or imu in mounts or frame in ("", *BASES):
+        return []
+    return [f"imu: no chain of /{STATIC} leads to its frame {frame!r}"]
 
 
 def with_static_yaw(mounting: Mounting, mount: Mount, log: Log) -> Mounting | None:

@@ -210,6 +210,7 @@ def test_static_transforms_give_positions_and_what_the_log_does_not_show(tmp_pat
     assert not any("see [imu]" in finding for finding in found.findings)
     found, robot, _ = with_frames("loop", frames=("imu_link", "base_link"))
     assert robot.imu.position == (0.0, 0.0, 0.0)
+    assert "imu: no chain of /tf_static leads to its frame 'imu_link'" in found.findings
     found, robot, _ = with_frames("upside_down", q=(1.0, 0.0, 0.0, 0.0))
     assert robot.imu.rotation_rpy_deg == (0.0, 0.0, 0.0)
     (said,) = [finding for finding in found.findings if "see [imu]" in finding]
