@@ -88,14 +88,15 @@ class SavedEstimator(Bounded, frozen=True):
         before, now = _leaves(self.robot), _leaves(robot_constants(robot))
         # The name first: with another robot all other keys may differ.
         learnt_from = tuple(f"{key}." for key in LEARNT_FROM)
-        for key in sorted({*before, *now}, key=lambda key: (key != "name", key)):
-            matters = to_continue or f"{key}.".startswith(learnt_from)
-            if matters and before.get(key) != now.get(key):
-                advice = "make a warm start, or start again" if to_continue else "start again"
-                raise EstimatorError(
-                    f"{source}: was saved for a robot with {key} = {before.get(key)!r}, here it is "
-                    f"{now.get(key)!r}; use the same robot file, or {advice}"
-                )
+        keys = sorted({*before, *now}, key=lambda key: (key != "name", key))
+        changed = [key for key in keys if before.get(key) != now.get(key)]
+        barring = [key for key in changed if f"{key}.".startswith(learnt_from)]
+        for key in changed if to_continue else barring:
+            advice = "start again" if barring else "make a warm start, or start again"
+            raise EstimatorError(
+                f"{source}: was saved for a robot with {key} = {before.get(key)!r}, here it is "
+                f"{now.get(key)!r}; use the same robot file, or {advice}"
+            )
 
 
 def robot_constants(robot: Robot) -> dict[str, Any]:

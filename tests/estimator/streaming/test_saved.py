@@ -409,6 +409,8 @@ def test_other_noise_is_refused_for_going_on_but_not_for_a_warm_start(saved):
     turned = changed("imu", rotation_rpy_deg=(180.0, 0.0, 0.0))
     with pytest.raises(EstimatorError, match=r"imu\.rotation_rpy_deg"):
         PoseEstimator.warm_start(saved, turned, off=0.0)
+    with pytest.raises(EstimatorError, match=r"use the same robot file, or start again$"):
+        PoseEstimator.restore(saved, turned)
 
 
 def test_notes_and_topics_of_the_robot_file_do_not_matter(saved):
