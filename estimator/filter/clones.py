@@ -198,11 +198,10 @@ class Clones(msgspec.Struct, frozen=True):
 
 def _regular(covariance: Floats) -> Floats:
     """Symmetric covariance (3, 3) with at least `LEAST_VARIANCE` in each direction."""
-    covariance = 0.5 * (covariance + covariance.T)
-    variances, axes = np.linalg.eigh(covariance)
-    if variances[0] >= LEAST_VARIANCE:
-        return covariance
-    return np.asarray(axes * np.maximum(variances, LEAST_VARIANCE) @ axes.T)
+    variances, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    if variances[0] < LEAST_VARIANCE:
+        covariance = axes * np.maximum(variances, LEAST_VARIANCE) @ axes.T
+    return np.asarray(0.5 * (covariance + covariance.T))
 
 
 def _by_clone(rows: Floats) -> Floats:

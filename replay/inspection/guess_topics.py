@@ -20,7 +20,7 @@ from icreckon.replay.mapping.topics import (
 )
 from icreckon.replay.mapping.track_units import ANY_COUNTS, TrackUnit
 from icreckon.replay.reading.message_rows import GEODETIC_READERS, STATUS_NO_FIX
-from icreckon.replay.reading.stream import ABSENT, NAN
+from icreckon.replay.reading.stream import ABSENT
 
 DRIVE_WORDS = ("wheel", "track", "sprocket", "drive")
 CAPITAL = re.compile(r"(?<=[a-z])(?=[A-Z])")  # places where a word begins in a name as encL
@@ -231,9 +231,9 @@ def _fixes(surveys: Mapping[str, Survey]) -> FixTopic | None:
     if topic is not None:
         has_sigma = surveys[topic].channel.msgtype == ros.POSE_WITH_COVARIANCE
     elif (topic := _first_topic(surveys, ros.NAVSATFIX)) is not None:
-        read = GEODETIC_READERS[ros.NAVSATFIX]
         has_fix = (one for one in surveys[topic].messages if one.status.status > STATUS_NO_FIX)
-        has_sigma = any(np.isfinite(read(one) or NAN)[-1] for one in has_fix)
+        rows = map(GEODETIC_READERS[ros.NAVSATFIX], has_fix)
+        has_sigma = any(row is not None and np.isfinite(row[-1]) for row in rows)
     else:
         return None
     return FixTopic(topic, position_sigma=None if has_sigma else PLACEHOLDER_SIGMA)

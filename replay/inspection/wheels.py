@@ -212,8 +212,10 @@ def heading_offset(log: Log) -> HeadingOffset | None:
             yaws_of_robot.append(float(np.arctan2(y, x) + backward))
     elif truth is not None and truth.headings:
         known = truth.poses.stamps
-        times = stamps[(stamps >= known[0]) & (stamps <= known[-1])].tolist()
-        yaws_of_robot = interpolate_poses(truth.poses, np.array(times))[:, 2].tolist()
+        inside = stamps[(stamps >= known[0]) & (stamps <= known[-1])]
+        if len(inside):
+            yaws_of_robot = interpolate_poses(truth.poses, inside)[:, 2].tolist()
+        times = inside.tolist()
     if len(times) < FEWEST_WINDOWS:
         return None
     # As complex numbers, so that angles can be averaged.

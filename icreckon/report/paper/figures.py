@@ -132,10 +132,8 @@ def _draw_fits(path: Path, reproduced: Reproduction) -> None:
     mapped, ours, theirs = reproduced.mapped, reproduced.parameters, published_parameters()
     motion, turning = mapped.motion, mapped.turning
     x_1, x_2 = icr.symmetry_coordinates(motion.V_l[turning], motion.V_r[turning], ours.H)
-    force, used = (
-        mapped.magnitude[turning],
-        chosen_motions(mapped, reproduced.guess.reading)[turning],
-    )
+    force = mapped.magnitude[turning]
+    used = chosen_motions(mapped, reproduced.guess.reading)[turning]
     signs = (np.sign(x_2), np.sign(x_1) * np.sign(x_2), np.sign(x_1) * np.sign(x_2))
     force_labels = ("|F| sign(x₂) [N]", "|F| sign(x₁) sign(x₂) [N]", "|F| sign(x₁) sign(x₂) [N]")
     with _figure(path, 16.0, 5.0, title) as figure:
