@@ -255,8 +255,8 @@ def _parameters(
     _, note = common_values.written_difference(robot, radii)
     rows.append(_row(radii, "difference", "tracks.difference", "-", before=difference, note=note))
     gyro_scale = _row(chosen, "gyro_scale", "imu.gyro_scale", "-", before=robot.imu.gyro_scale)
-    # That of the new file is for the calibrated mounting.
-    rows += [replace(gyro_scale, value=new.imu.gyro_scale), _bias(robot, chosen)]
+    value = float(common_values.vertical_gyro_scale(robot, chosen, new.imu_rotation))
+    rows += [replace(gyro_scale, value=value), _bias(robot, chosen)]
     before, after = robot.imu.rotation_rpy_deg, new.imu.rotation_rpy_deg
     for axis, (_, error) in enumerate(common_values.mounting_turns(chosen)):
         name, is_known = ("imu.roll", "imu.pitch", "imu.yaw")[axis], np.isfinite(error)

@@ -126,7 +126,7 @@ def with_common(
         imu,
         rotation_rpy_deg=rotation_rpy_deg,
         position=(float(x), float(y), z),
-        gyro_scale=float(_vertical_gyro_scale(robot, chosen, rotation)),
+        gyro_scale=float(vertical_gyro_scale(robot, chosen, rotation)),
         gyro_scale_sigma=gyro_scale_sigma,
         gyro_bias=bias.written,
         gyro_bias_sigma=bias.sigma,
@@ -148,7 +148,7 @@ def _with_radii(robot: Robot, radii: Fit, supported: Sequence[Fit], scale_sigma:
     )
 
 
-def _vertical_gyro_scale(robot: Robot, chosen: Fit, rotation: Floats) -> float:
+def vertical_gyro_scale(robot: Robot, chosen: Fit, rotation: Floats) -> float:
     """Scale of the gyro about the vertical by the calibrated mounting (3, 3)."""
     # The scale of the fit is about the vertical by the robot file.
     if robot.imu.gyro_axes == "z":
