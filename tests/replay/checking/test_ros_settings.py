@@ -53,6 +53,17 @@ def odometry(log: Log, settings: dict) -> tuple[np.ndarray, np.ndarray]:
     return 0.5 * (left + right), (right - left) / separation
 
 
+def test_the_scale_of_speeds_is_in_the_radii(log: Log) -> None:
+    """Speeds in m/s have no radius here: their scale is that of the controller's."""
+    mapped = {"tracks": {"topic": "/odom", "scale": 0.97, "gauge": 0.6}}
+    text = ros_settings([log], with_values(ALPHA, log=mapped))
+    settings = YAML(typ="safe").load(text)["diff_drive_controller"]["ros__parameters"]
+    radii = [settings[f"{side}_wheel_radius_multiplier"] for side in ("left", "right")]
+    assert radii == pytest.approx([0.97, 0.97])
+    # Of a controller whose gauge is known, the multiplier is no factor on another one.
+    assert "times that of the controller" not in text
+
+
 def test_odometry_with_them_turns_as_the_robot(log: Log):
     settings = controller(log, with_track_of_the_log(log))
     speed, rate = odometry(log, settings)

@@ -9,7 +9,7 @@ from conftest import inspected, make_log, sample_log
 from icreckon import EstimatorError, Inspection, Log, Robot, Vehicle, inspect, load_robot, write_log
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.replay.inspection.guess_topics import sides
+from icreckon.replay.inspection.guess_topics import PLACEHOLDER_SIGMA, sides
 from icreckon.replay.inspection.imu_mounting import estimate_mounting
 from icreckon.replay.mapping.topics import TopicMap, topic_map
 
@@ -215,6 +215,18 @@ def test_static_transforms_give_positions_and_what_the_log_does_not_show(tmp_pat
     assert robot.imu.rotation_rpy_deg == (0.0, 0.0, 0.0)
     (said,) = [finding for finding in found.findings if "see [imu]" in finding]
     assert "imu_link in base_link by /tf_static is turned by (180, 0, 30) deg; the log" in said
+
+
+def test_fixes_without_a_usable_variance_cost_nothing_else(tmp_path: Path) -> None:
+    stamps = [made.SECOND * k // 50 for k in range(50, 200)]
+    samples = [("/imu", made.imu(stamp)) for stamp in stamps]
+    samples += [("/js", made.joints(stamp, (1.0, 1.2))) for stamp in stamps]
+    unknown = float("nan"), float("nan")
+    samples += [("/fix", made.navsatfix(at, 48.0, 11.0, variances=unknown)) for at in stamps[::25]]
+    found = inspect(made.write_bag(tmp_path / "bag", samples))
+    assert found.mounting is not None
+    assert found.mapping.fixes.position_sigma == PLACEHOLDER_SIGMA
+    assert "position_sigma = 0.05    # not in the log: fill in" in found.proposed_robot_file
 
 
 def test_positions_that_are_not_used_are_named(tmp_path: Path) -> None:
