@@ -49,12 +49,10 @@ def check_heading(log: Log, robot: Robot) -> Iterator[Check]:
 
     def turned(log: Log, robot: Robot) -> tuple[Log, Robot]:
         """Correction of the headings."""
-        others = (
-            replace(other, yaw=wrap_angle(other.yaw + math.radians(left)))
-            if isinstance(other, HeadingFix)
-            else other
-            for other in log.others
-        )
+        others = list(log.others)
+        for k, other in enumerate(others):
+            if isinstance(other, HeadingFix):
+                others[k] = replace(other, yaw=wrap_angle(other.yaw + math.radians(left)))
         return replace(log, others=tuple(others)), robot
 
     table = "log.heading" if mapping.heading else "log.columns.heading"

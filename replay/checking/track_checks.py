@@ -182,10 +182,8 @@ def _clear_turning(
     if turns_alike and not is_backward:
         return check
     if from_twist(robot):
-        wrong = [
-            *(["forward speed"] if is_backward else []),
-            *([] if turns_alike else ["yaw rate"]),
-        ]
+        are_wrong = {"forward speed": is_backward, "yaw rate": not turns_alike}
+        wrong = [name for name, is_wrong in are_wrong.items() if is_wrong]
         order = slice(None, None, -1 if turns_alike == bool(is_backward) else 1)
         sign = -1.0 if is_backward else 1.0
         text = f"the odometry has the wrong sign of {' and '.join(wrong)}"

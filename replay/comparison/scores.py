@@ -39,13 +39,17 @@ def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:
     Raises:
         ValueError: the log has no truth.
     """
+    return {name: truth_of(comparison, name) for name in comparison.runs}
+
+
+def truth_of(comparison: Comparison, name: str) -> TruthAlignment:
+    """Truth for a run, as of `truths_of`."""
     truth, alignment = comparison.log.truth, comparison.alignment
     if truth is None:
         raise ValueError("there is no truth to score against")
     if alignment is None:
-        return dict.fromkeys(comparison.runs, TruthAlignment(0.0, (0.0, 0.0), truth))
-    runs = comparison.runs.items()
-    return {name: own_alignment(alignment, run.trajectory) for name, run in runs}
+        return TruthAlignment(0.0, (0.0, 0.0), truth)
+    return own_alignment(alignment, comparison.runs[name].trajectory)
 
 
 def scores(

@@ -126,7 +126,8 @@ def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
     else:
         return TruthAlignment(0.0, (0.0, 0.0), truth)
     series, tilt = levelled(series, reckoned)
-    aligned, (forward, left) = replace(truth, poses=series), lever.tolist()
+    forward, left = lever.tolist()
+    aligned = replace(truth, poses=series)
     return TruthAlignment(0.0, (forward, left), aligned, headings=headings, tilt=tilt)
 
 

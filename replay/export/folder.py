@@ -16,7 +16,8 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.base.outputs import new_file
 from icreckon.replay.comparison.compare import Comparison
-from icreckon.replay.comparison.scores import truths_of
+from icreckon.replay.comparison.results import Results
+from icreckon.replay.comparison.scores import truth_of
 from icreckon.replay.export.formats import DEFAULT_FORMATS
 from icreckon.replay.export.geojson import write_geojson
 from icreckon.replay.export.replay_bag import write_replay_bag
@@ -34,17 +35,18 @@ def write_exports(
     comparison: Comparison,
     robot: Robot,
     formats: Sequence[str] = DEFAULT_FORMATS,
-    best: str | None = None,
+    verdict: Results | None = None,
 ) -> None:
     """Write the trajectories of all runs and the truth, in formats of `FORMATS`.
 
-    The truth is that of the `best` variant, by its lever arm, or else as of the first alignment.
+    The truth is that of the best variant of a `verdict`, by its lever arm, or else as of the first
+    alignment.
     TUM and KITTI files have no heights if the truth has none: programs that compare them would take each
     height for an error.
     """
     truth, start = comparison.log.truth, comparison.log.start
-    if truth is not None and best is not None:
-        truth = truths_of(comparison)[best].truth
+    if verdict is not None:
+        truth = truth_of(comparison, verdict["best"]).truth
         comparison = replace(comparison, log=replace(comparison.log, truth=truth))
     paths = {name: run.trajectory.pose_series for name, run in comparison.runs.items()}
     if truth is not None:

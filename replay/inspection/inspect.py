@@ -113,17 +113,17 @@ def inspect(
         mapping = replace(mapping, fixes=replace(mapping.fixes, position=(x, y)))
     mapping = _with_keys(mapping, sizes.log)
     imu_topic = mapping.imu.topic if mapping.imu else ""
-    missing = static_frames.unplaced(surveys.values(), mounts, imu_topic)
+    findings = static_frames.unplaced(surveys.values(), mounts, imu_topic)
     mount = mounts.get(imu_topic)
     estimates = _estimates(paths, mapping, definitions, sizes, mount, notes)
     mapping, log, track = estimates.mapping, estimates.log, _track_by_rate(estimates)
     reports = _topic_reports(surveys.values(), mapping, log)
     for table in tables:
         reports += _column_reports(table, mapping.columns)
-    missing += [] if mapping.track_keys else [_missing_tracks(surveys.values())]
+    findings += [] if mapping.track_keys else [_missing_tracks(surveys.values())]
     if others := other_positions(surveys.values(), mapping):
-        names = ", ".join(others)
-        missing.append(f"positions not used: {names}; a topic of [log.fixes] or [log.truth]?")
+        text = f"positions not used: {', '.join(others)}"
+        findings.append(f"{text}; a topic of [log.fixes] or [log.truth]?")
     errors = _error_findings(estimates)
     return Inspection(
         path=first,
@@ -131,7 +131,7 @@ def inspect(
         topics=tuple(reports),
         mapping=mapping,
         mounting=estimates.mounting,
-        findings=(*missing, *_findings(estimates), *_rate_finding(track), *errors),
+        findings=(*findings, *_findings(estimates), *_rate_finding(track), *errors),
         dropped=log.dropped if log is not None else {},
         notes=(*coarse_stamps(log.notes if log else ()), *notes),
         proposed_robot_file=robot_file.robot_file_text(first, estimates),

@@ -29,18 +29,17 @@ class Mount(NamedTuple):
 
 def static_mounts(surveys: Collection[Survey]) -> dict[str, Mount]:
     """Static poses of IMUs and receivers by topic, as far as the transforms show them."""
-    transforms, frames = TransformStream("frames", "tf", "", "recording"), set[str]()
+    transforms = TransformStream("frames", "tf", "", "recording")
     for survey in surveys:
         topic = survey.channel.topic
         if survey.channel.msgtype in (TF, TF_ROS1) and topic.endswith(STATIC):
             for message in survey.messages:
                 transforms.add_transforms(topic, 0, message)
-                for transform in message.transforms:
-                    names = transform.header.frame_id, transform.child_frame_id
-                    frames |= {name.strip("/") for name in names}
+    links = transforms.static_links
+    frames = {frame for link in links for frame in link}
     base = next((frame for name in BASES for frame in sorted(frames) if frame.endswith(name)), None)
     mounts = dict[str, Mount]()
-    if transforms.static_links >= len(frames):
+    if len(links) >= len(frames):
         return mounts  # a loop: they are no tree
     for survey in surveys:
         if base is None or survey.channel.msgtype not in (IMU, NAVSATFIX):

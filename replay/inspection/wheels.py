@@ -188,7 +188,7 @@ class HeadingOffset(NamedTuple):
 
     value: float  # [deg]
     sigma: float  # its standard error [deg]
-    change: float  # linear part of its change from the begin of the log to the end [deg]
+    change: float  # its linear change from the first course to the last [deg]
     change_sigma: float  # standard error of that [deg]
 
 
@@ -212,10 +212,9 @@ def heading_offset(log: Log) -> HeadingOffset | None:
             yaws_of_robot.append(float(np.arctan2(y, x) + backward))
     elif truth is not None and truth.headings:
         known = truth.poses.stamps
-        inside = stamps[(stamps >= known[0]) & (stamps <= known[-1])]
-        if len(inside):
-            yaws_of_robot = interpolate_poses(truth.poses, inside)[:, 2].tolist()
-        times = inside.tolist()
+        times = stamps[(stamps >= known[0]) & (stamps <= known[-1])].tolist()
+        if times:
+            yaws_of_robot = interpolate_poses(truth.poses, np.array(times))[:, 2].tolist()
     if len(times) < FEWEST_WINDOWS:
         return None
     # As complex numbers, so that angles can be averaged.
@@ -244,7 +243,5 @@ def _courses(stamps: Stamps, places: Floats, sigmas: Floats) -> Iterator[tuple[i
 
 def _drives_backward(log: Log, stamp: int) -> bool:
     """Test whether the tracks drive backward at a stamp [ns]; False without tracks."""
-    tracks = log.tracks
-    return (
-        len(tracks.stamps) > 0 and np.interp(stamp, tracks.stamps, tracks.speeds.sum(axis=1)) < 0.0
-    )
+    stamps, speeds = log.tracks.stamps, log.tracks.speeds.sum(axis=1)
+    return len(stamps) > 0 and bool(np.interp(stamp, stamps, speeds) < 0.0)

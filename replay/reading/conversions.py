@@ -72,8 +72,8 @@ def pose_rows(spec: FixTopic | PoseColumns, rows: Floats) -> Floats:
         altitude = values[spec.altitude] if spec.altitude else unknown
         return np.column_stack([values[spec.latitude], values[spec.longitude], altitude, variance])
     yaw = values[spec.yaw] * RADIANS[spec.yaw_unit] if spec.yaw else unknown
-    place, orientation = (values[spec.x or ""], values[spec.y or ""]), yaw_to_quaternion(yaw)
-    return np.column_stack([*place, orientation, variance, *([unknown] * 5)])
+    x, y = values[spec.x or ""], values[spec.y or ""]
+    return np.column_stack([x, y, yaw_to_quaternion(yaw), variance, *([unknown] * 5)])
 
 
 def fix_heights(

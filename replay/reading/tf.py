@@ -88,9 +88,9 @@ class TransformStream(Stream):
         return stamps[known], np.column_stack([xy, poses.rotations.as_quat(), unknown, z])[known]
 
     @property
-    def static_links(self) -> int:
-        """Number of static transforms."""
-        return len(self._static)
+    def static_links(self) -> list[Link]:
+        """Parent and child frame of each static transform."""
+        return [*self._static]
 
     def static_pose(self) -> tuple[Floats, Floats] | None:
         """Translation (3,) [m] and rotation (3, 3) of the child frame; None unless static."""

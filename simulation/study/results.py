@@ -220,8 +220,8 @@ def _typical_ratios(runs: Runs, values: Floats) -> list[tuple[float, float, floa
     def log_ratio(value: Floats, counted: Any) -> float:
         """Mean over cells of the log of the ratio, over `counted` runs (mask, or True)."""
         in_both = np.isfinite(value) & np.isfinite(baseline) & counted
-        sums = (np.where(in_both, one, 0.0).sum(axis=1) for one in (value, baseline))
-        value_sum, baseline_sum = sums
+        value_sum = np.where(in_both, value, 0.0).sum(axis=1)
+        baseline_sum = np.where(in_both, baseline, 0.0).sum(axis=1)
         has_ratio = np.asarray((value_sum > 0.0) & (baseline_sum > 0.0))
         if not has_ratio.any():
             return math.nan

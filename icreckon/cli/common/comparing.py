@@ -64,8 +64,7 @@ def compare_and_write(
         summary = summarise(comparison, robot, drifts=drifts, **origin)
         scored = None if case is None else case_scores(case, comparison, summary, drifts)
     with working("writing trajectories, tables and odometry"):
-        best = None if summary["verdict"] is None else summary["verdict"]["best"]
-        write_exports(folder, comparison, robot, formats, best)
+        write_exports(folder, comparison, robot, formats, summary["verdict"])
     # Free the runs: for a long log they take most of the memory.
     del comparison
     with working("writing page and figure"):

@@ -37,8 +37,7 @@ def write_report(
     folder = Path(folder)
     if not folder.is_dir():
         raise ReplayError(f"{folder}: no such folder; make it first")
-    verdict = results["verdict"]
-    write_exports(folder, comparison, robot, formats, None if verdict is None else verdict["best"])
+    write_exports(folder, comparison, robot, formats, results["verdict"])
     write_views(folder, results)
 
 

@@ -372,7 +372,7 @@ def test_the_gyro_is_not_compared_with_headings_that_it_made(drive: str) -> None
 
 
 def test_an_antenna_off_the_centre_changes_no_scale() -> None:
-    """Its path is longer in bends: headings by the path of the robot made the tracks 1 % too short."""
+    """Its path is longer in bends: headings by the path of the robot made the radius 0.4 % too small."""
     scenario = Scenario(duration=90.0, trajectory="random", seed=3, fix_rate=0.0, truth="kinematic")
     log = run_scenario(scenario, ROBOT).log
     headed = calibrate([log], ROBOT, models=("constant",))

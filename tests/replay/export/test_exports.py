@@ -51,7 +51,7 @@ def test_the_truth_is_written_as_the_best_variant_is_scored_by(
     log = simulate(Scenario(duration=60.0, trajectory="aggressive", truth="kinematic"), robot)
     log = replace(log, fixes=None, truth=replace(log.truth, twists=None, tracks=None))
     found = compare(log, robot, ("gyro", "inertia-online"))
-    write_exports(tmp_path, found, robot, ("tum",), best="inertia-online")
+    write_exports(tmp_path, found, robot, ("tum",), {"best": "inertia-online"})
     expected = truths_of(found)["inertia-online"].truth.poses.poses
     written = read_tum(tmp_path / "ground_truth.tum").poses
     np.testing.assert_allclose(written[:, :2], expected[:, :2], atol=1e-8)
