@@ -56,13 +56,7 @@ def compiled(source: str, folder: Path, *flags: str, cc: str = "gcc") -> ctypes.
 
 @cache
 def _library(
-    robot: bytes,
-    variant: str,
-    settings: bytes,
-    bits: int,
-    flags: tuple[str, ...],
-    cc: str,
-    compact: bool,
+    robot: bytes, variant: str, settings: bytes, bits: int, flags: tuple[str, ...], cc: str
 ) -> tuple[ctypes.CDLL, list[int]]:
     decoded = msgspec.json.decode(robot, type=Robot)
     exported = filter_in_c(
@@ -71,7 +65,6 @@ def _library(
         msgspec.json.decode(settings, type=Settings),
         bits=bits,
         imu_rate=IMU_RATE,
-        compact=compact,
     )
     with tempfile.TemporaryDirectory(prefix="icreckon-filter-") as name:
         folder = Path(name)
@@ -91,7 +84,6 @@ class CFilter:
         bits: bits of a number.
         flags: of the compiler.
         cc: the compiler.
-        compact: in the compact form.
     """
 
     def __init__(
@@ -103,12 +95,11 @@ class CFilter:
         bits: int = 64,
         flags: tuple[str, ...] = ("-O0",),
         cc: str = "gcc",
-        compact: bool = False,
     ) -> None:
         real: Any = ctypes.c_double if bits == 64 else ctypes.c_float
         self.real, self.three = real, real * 3
         key = msgspec.json.encode(robot), variant, msgspec.json.encode(settings or Settings())
-        self.lib, self.states = _library(*key, bits, flags, cc, compact)
+        self.lib, self.states = _library(*key, bits, flags, cc)
 
         class Pose(ctypes.Structure):
             _fields_ = (

@@ -130,7 +130,7 @@ def _motion_kernel(name: str, shape: FilterShape) -> Kernel:
 
 def _inside_kernel(name: str, shape: FilterShape) -> Kernel:
     """Make the kernel that projects the parameters onto their bounds."""
-    lane = Lane(shape._replace(compact=False), with_fast_slip=True)
+    lane = Lane(shape, with_fast_slip=True)
     lane.keep_inside_bounds()
     return lane.kernel(name, with_fast_slip=True)
 
@@ -163,13 +163,7 @@ class Exported(NamedTuple):
 
 
 def filter_in_c(
-    robot: Robot,
-    variant: Variant,
-    settings: Settings | None = None,
-    *,
-    bits: int,
-    imu_rate: float,
-    compact: bool = False,
+    robot: Robot, variant: Variant, settings: Settings | None = None, *, bits: int, imu_rate: float
 ) -> Exported:
     """Write the filter of a robot and variant in C99.
 
@@ -179,7 +173,6 @@ def filter_in_c(
         settings: settings of the filter; None for the usual ones.
         bits: number of bits of each number, 64 or 32.
         imu_rate: highest rate of the IMU, for the size of a buffer [Hz].
-        compact: smaller and slower code, with loops over the covariance.
 
     Raises:
         EstimatorError: the rate is not above zero, or the variant has no form in C.
@@ -188,20 +181,14 @@ def filter_in_c(
         raise EstimatorError(
             f"the rate of the IMU must be above 0 and at most {FASTEST_IMU:g} Hz, found {imu_rate!r}"
         )
-    return _Export(robot, variant, settings or Settings(), bits, imu_rate, compact).exported()
+    return _Export(robot, variant, settings or Settings(), bits, imu_rate).exported()
 
 
 class _Export:
     """Export of one filter."""
 
     def __init__(
-        self,
-        robot: Robot,
-        variant: Variant,
-        settings: Settings,
-        bits: int,
-        imu_rate: float,
-        compact: bool,
+        self, robot: Robot, variant: Variant, settings: Settings, bits: int, imu_rate: float
     ) -> None:
         self._robot, self._variant, self._settings, self._bits = robot, variant, settings, bits
         self._imu_rate, self._readings = imu_rate, int(settings.standstill.duration * imu_rate) + 4
@@ -209,7 +196,7 @@ class _Export:
             filter_ = BatchFilter(robot, variant, settings, bits, width=1)
         except BatchError as problem:
             raise EstimatorError(f"{variant.name!r} has no form in C: {problem}") from None
-        self._shape = filter_.shape._replace(compact=compact)
+        self._shape = filter_.shape
         self._layout, self._rows = filter_.layout, filter_.rows
         self._states = [i for i in self._shape.states if i < s.SIZE]
         self._all_states = *self._shape.states, *FAST
@@ -316,7 +303,6 @@ class _Export:
             "STATES": len(self._states),
             "STATES_AND_WANDER": len(self._shape.states),
             "ALL": len(self._all_states),
-            "COMPACT": int(self._shape.compact),
             "INDICES": INDICES,
             "DERIVATIVES": DERIVATIVES,
             "MOTION_COUNT": DERIVATIVES + 3 * len(self._all_states),

@@ -4,8 +4,7 @@ An update with a scalar measurement is stored as the product of two vectors, and
 entries that are used. So a step of several updates reads and writes each entry once.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import combinations_with_replacement
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 from icreckon.estimator.tracing import trace
@@ -181,8 +180,6 @@ def combined(row: Vector, *parts: tuple[Any, Vector]) -> Vector:
 
 def dot(a: Vector, b: Vector) -> Any:
     """Dot product of two sparse vectors."""
-    if isinstance(a, Product):
-        return trace.in_c("inner({0}, {1})", a.array, a.P.array(b))
     total: Any = 0.0
     for state, value in b.items():
         if state in a:
@@ -198,97 +195,3 @@ def shift_of(row: Vector, x: Any, since: Any) -> Any:
         if not trace.is_zero(moved):
             total = total + by * moved
     return total
-
-
-class CovarianceInC(Covariance):
-    """Covariance in the workspace, changed by loops of the template in C.
-
-    Args:
-        x: rows of the states, in the order of the tables in C.
-        rows: rows of its entries, by pair of states, the smaller index first.
-    """
-
-    def __init__(self, x: dict[int, int], rows: dict[tuple[int, int], int]) -> None:
-        self.states, self._x, self._rows = sorted(x), x, rows
-        self.places = {state: place for place, state in enumerate(x)}
-        self._before: Any = None
-
-    def _row(self, a: int, b: int) -> int:
-        return self._rows[min(a, b), max(a, b)]
-
-    def entry(self, a: int, b: int) -> Any:
-        """Covariance of two states."""
-        return trace.lane_input("lanes", self._row(a, b))
-
-    def array(self, row: Vector) -> Any:
-        """Array in C with the entries of a vector."""
-        entries = [(self.places[i], value) for i, value in row.items() if not trace.is_zero(value)]
-        fill = "".join(f"; {{out}}[{place}] = {{{k}}}" for k, (place, _) in enumerate(entries))
-        return trace.in_c("real {out}[ALL] = {{0}}" + fill, *(value for _, value in entries))
-
-    def times(self, row: Vector, *parts: tuple[Any, Vector]) -> Vector:
-        """Product with a vector, see `Covariance.times`."""
-        code, whole = "real {out}[ALL]; times(lanes, {0}, {out})", self.array(combined(row, *parts))
-        return Product(self, trace.in_c(code, whole, *trace.Traced.effects[-1:]))
-
-    def add(self, a: int, b: int, value: Any) -> None:
-        """Add to the entry of a pair of states."""
-        row = self._row(a, b)
-        if not trace.is_zero(value):
-            trace.effect(f"lanes[{row}] += {{0}}", value, rows=[row])
-
-    def add_error(self, error: Vector, weight: Any = 1.0) -> None:
-        """Add the covariance of an error that moves some states, times a weight."""
-        for a, b in combinations_with_replacement(error, 2):
-            self.add(a, b, weight * (error[a] * error[b]))
-
-    def correct(
-        self, x: Any, z: Any, cross: Any, inverse_S: Any, fixed: Iterable[int], stand_in: StandIn
-    ) -> Vector:
-        """Update with a scalar measurement z, and move the states x; see `update`."""
-        if self._before is None:
-            self._before = trace.in_c("real {out}[ALL]; variances(lanes, {out})")
-        stays = sum(1 << self.places[i] for i in self.places if i in fixed)
-        place, missing = -1, 0.0
-        if stand_in is not None:
-            place, missing = self.places[stand_in[0]], _missing(cross, fixed, *stand_in)[1]
-        code = f"correct(lanes, {{0}}, {{1}}, {{2}}, {stays:#x}u, {place}, {{3}})"
-        self.change(x, code, cross.array, inverse_S, z, missing)
-        return {}
-
-    def change(self, x: Any, code: str, *args: Any) -> None:
-        """Change states x and covariance by a statement in C."""
-        for i, row in self._x.items():
-            if x[i] is not trace.lane_input("lanes", row):
-                trace.effect(f"lanes[{row}] = {{0}}", x[i], rows=[row])
-        trace.effect(code, *args, rows=(*self._rows.values(), *self._x.values()))
-        for i, row in self._x.items():
-            x[i] = trace.lane_input("lanes", row)
-
-    def inflate(self, share: Any) -> Vector:
-        """Add a share of the variances before the first update."""
-        rows = [self._row(i, i) for i in self.states]
-        trace.effect("inflate(lanes, {0}, {1})", self._before, share, rows=rows)
-        return {}
-
-    def transform(self, rows: Mapping[int, Vector]) -> None:
-        """Make it F P F', by the rows of F - 1 of some states."""
-        arrays = [self.array(row) for row in rows.values()]
-        names = ", ".join(f"{{{k}}}" for k in range(len(arrays)))
-        places = ", ".join(str(self.places[i]) for i in rows)
-        code = f"const real *const {{out}}[] = {{{{{names}}}}}"
-        code += f"; static const uint8_t {{out}}_at[] = {{{{{places}}}}}"
-        code += f"; transform(lanes, {len(rows)}, {{out}}_at, {{out}})"
-        trace.effect(code, *arrays, rows=self._rows.values())
-
-
-class Product(Vector):
-    """Product with a covariance, in an array in C."""
-
-    def __init__(self, P: CovarianceInC, array: Any) -> None:
-        self.P, self.array = P, array
-        super().__init__({i: trace.in_c(f"{{0}}[{k}]", array) for i, k in P.places.items()})
-
-    def __setitem__(self, state: int, value: Any) -> None:
-        trace.effect(f"{{0}}[{self.P.places[state]}] = {{1}}", self.array, value)
-        super().__setitem__(state, value)

@@ -12,7 +12,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
-from icreckon.estimator.engine.covariance import Covariance, CovarianceInC, Vector, dot
+from icreckon.estimator.engine.covariance import Covariance, Vector, dot
 from icreckon.estimator.engine.layout import INPUTS, MOTION, TWIST, Layout, covariance_name
 from icreckon.estimator.engine.model import ModelInputs, TracedModel, TracedTwist
 from icreckon.estimator.filter.changes import Event
@@ -47,7 +47,6 @@ class FilterShape(NamedTuple):
     bits: int = 64  # number of bits of each number, 64 or 32
     # kernels report all changes of the filter, see `icreckon.estimator.filter.changes`
     reports: bool = False
-    compact: bool = False  # kernels in C call functions that loop over the covariance
 
     @property
     def layout(self) -> Layout:
@@ -117,11 +116,7 @@ class Lane:
         size = s.SIZE + len(wander)
         self.x = np.array([self._initial_value(i) for i in range(size)], dtype=object)
         pairs = [(min(i, j), max(i, j)) for n, i in enumerate(states) for j in states[n:]]
-        if shape.compact and with_fast_slip:
-            rows = {pair: self.rows[covariance_name(*pair)] for pair in pairs}
-            self.P: Covariance = CovarianceInC({i: self.rows[f"x{i}"] for i in states}, rows)
-        else:
-            self.P = Covariance({(i, j): self.row(covariance_name(i, j)) for i, j in pairs})
+        self.P = Covariance({(i, j): self.row(covariance_name(i, j)) for i, j in pairs})
         self.stores: dict[str, Any] = {}
         self._sharp: Any = 0.0  # number of sharp updates
 
@@ -375,9 +370,6 @@ class Lane:
 
     def keep_inside_bounds(self, *, by_imu: bool = False) -> None:
         """Project onto the bounds as `bounds.inside`, if a lane is outside."""
-        if isinstance(self.P, CovarianceInC) and not by_imu:
-            self.P.change(self.x, "(void)inside(lanes, inputs, constants)")
-            return
         states, x = self.P.states, self.x
         fixed = self.fixed_for_gyro if by_imu else (*POSE_FIXED, *self.shape.considered)
         bounds = [bound for bound in self._bounds() if not bound.weights.keys() <= {*fixed}]

@@ -9,15 +9,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
-from icreckon.estimator.engine.covariance import (
-    Covariance,
-    CovarianceInC,
-    Motion,
-    Vector,
-    combined,
-    dot,
-    shift_of,
-)
+from icreckon.estimator.engine.covariance import Covariance, Motion, Vector, combined, dot, shift_of
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, Numbers, values_for
 from icreckon.estimator.engine.layout import IMU_GATES, SLIP_SHARES, TURN
 from icreckon.estimator.filter.changes import moved_values
@@ -339,7 +331,7 @@ class Step:
 
     def propagate(self) -> None:
         """Propagate to the end of the step, see `reference.ekf.IcrEkf.predict_motion`."""
-        lane, P, fades = self.lane, self.lane.P, self._fades()
+        lane, fades = self.lane, self._fades()
         missing, shares = lane.input("missing"), [fade.mean for fade in fades]
         speeds = lane.input("left") + missing, lane.input("right") + missing
         now = lane.smoothed_twist(*speeds, shares)
@@ -356,13 +348,10 @@ class Step:
             self._transition(now, tilt, fades),
             *self._process_noise(move, tilt, fades),
         )
-        if isinstance(P, CovarianceInC):
-            _move_in_c(P, motion, lane.shape.states)
-        else:
-            with_rows = self._with_rows(now, move.climb)
-            if lane.shape.reports:
-                self._report_motion(motion, with_rows, fades, move.step)
-            lane.P = Covariance(self._moved(motion, with_rows))
+        with_rows = self._with_rows(now, move.climb)
+        if lane.shape.reports:
+            self._report_motion(motion, with_rows, fades, move.step)
+        lane.P = Covariance(self._moved(motion, with_rows))
         before = lane.x.copy()
         for i, rate in zip(GRAVITY, (tilt.pitch_rate, -tilt.roll_rate), strict=True):
             along = {k: motion.faded[i][k] for k in GRAVITY}
@@ -534,22 +523,6 @@ class Step:
                 if i in GRAVITY:
                     walks[i] = walks[i] * travel + by_gyros
         return walks
-
-
-def _move_in_c(P: CovarianceInC, motion: Motion, states: Sequence[int]) -> None:
-    """Make the covariance F P F' + Q, one factor of F after another."""
-    rows, M_dt, yaws, faded, noise, own = motion
-    moved = zip(M_dt, yaws, strict=True)
-    P.transform(
-        {
-            i: combined({s.YAW: yaw}, *zip(factors, rows, strict=True))
-            for i, (factors, yaw) in enumerate(moved)
-        }
-    )
-    for group in (GRAVITY, range(s.SLIP.start, s.SLIP.stop)):
-        P.transform({i: {**faded[i], i: faded[i][i] - 1.0} for i in group})
-    for pair, added in (*noise.items(), *(((i, i), own[i]) for i in states)):
-        P.add(*pair, added)
 
 
 def _noise_of_pose(

@@ -61,36 +61,22 @@ class _Writer:
     def _write_nodes(self) -> None:
         """Write the nodes in order, and each store after the nodes that it needs."""
         stores, flags = self._kernel.stores, self._kernel.flags
-        outputs = [store.value for store in stores] + list(flags) + Traced.effects
+        outputs = [store.value for store in stores] + list(flags)
         waiting = defaultdict(list)
         for store in stores:
-            writer = Traced.writers.get((store.array, store.row), store.value)
-            waiting[max(store.value, writer, key=IN_ORDER)].append(store)
-        loads = defaultdict(list)
-        for node in reachable(outputs, with_bodies=True):
-            if node.op == "load":
-                loads[node.extra].append(node)
+            waiting[store.value].append(store)
+        loads = {
+            node.extra: node for node in reachable(outputs, with_bodies=True) if node.op == "load"
+        }
         nodes = reachable(outputs)
         last_uses = _last_uses(nodes, flags)
         for node in sorted(nodes, key=IN_ORDER):
-            _, written = node.extra if node.op == "effect" else ("", ())
-            for row in written:
-                earlier = [load for load in loads[row] if load.number < node.number]
-                self._keep_before(earlier, node, last_uses)
             self._name(node)
             for store in waiting.get(node, ()):
-                value = self._name(store.value)
-                self._keep_before(loads[store.array, store.row], node, last_uses)
-                self._add(f"{store.array}[{store.row}] = {value};")
-
-    def _keep_before(
-        self, loads: Iterable[Traced], node: Traced, last_uses: dict[Traced, int]
-    ) -> None:
-        """Keep values of a row that is overwritten while they are still needed."""
-        for load in loads:
-            is_read = load is node or last_uses.get(load, -1) > node.number
-            if load not in self._names and is_read:
-                self._keep(load)
+                overwritten = loads.get((store.array, store.row))
+                if overwritten is not None and last_uses.get(overwritten, -1) > node.number:
+                    self._keep(overwritten)
+                self._add(f"{store.array}[{store.row}] = {self._name(node)};")
 
     def _add(self, line: str) -> None:
         self._lines.append(self._indent + line)
@@ -107,11 +93,6 @@ class _Writer:
             case "load" | "scalar":
                 array, row = node.extra
                 return f"{array}[{row}]"
-            case "effect" | "vector":
-                self._names[node] = name = f"o{node.number}"
-                args = map(self._name, node.args)
-                self._add(f"{node.extra[0].format(*args, out=name)};")
-                return name
             case "loop":
                 self._loop(node)
                 return ""
@@ -129,8 +110,6 @@ class _Writer:
         """Expression of an operation on nodes that are computed."""
         args = [self._name(arg) for arg in node.args]
         match node.op:
-            case "code":
-                return str(node.extra[0].format(*args))
             case "neg":
                 return f"-({args[0]})"
             case "not":

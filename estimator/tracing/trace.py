@@ -50,9 +50,6 @@ class Traced:
     __array_ufunc__ = None
     _nodes: ClassVar[dict[Any, Traced]] = {}
     _known: ClassVar[Mapping[tuple[str, int], float]] = {}
-    # Statements in C of the graph, and the last one that changes each row of the workspace.
-    effects: ClassVar[list[Traced]] = []
-    writers: ClassVar[dict[tuple[str, int], Traced]] = {}
     bits: ClassVar[int] = 64  # number of bits of all numbers of the graph
 
     op: str  # operation that it results from
@@ -113,7 +110,6 @@ class Traced:
 def start(bits: int = 64) -> None:
     """Start a new graph, the only one, of numbers of 64 or 32 `bits`."""
     Traced._nodes, Traced.bits = {}, bits
-    Traced.effects, Traced.writers = [], {}
 
 
 @contextmanager
@@ -135,22 +131,8 @@ def lift(value: Any) -> Traced:
 
 
 def lane_input(array: str, row: int) -> Traced:
-    """Input of each lane: a row of an array, after the last effect on it."""
-    writer = Traced.writers.get((array, row))
-    return _make("load", () if writer is None else (writer,), (array, row))
-
-
-def in_c(code: str, *args: Any) -> Traced:
-    """Value of an expression in C of arguments {0}, {1}, ..., or the vector {out}."""
-    return _make("vector" if "{out}" in code else "code", tuple(map(lift, args)), (code, ()))
-
-
-def effect(code: str, *args: Any, rows: Iterable[int] = ()) -> None:
-    """Add a statement in C, which changes a vector or these `rows` of the workspace."""
-    written = tuple(("lanes", row) for row in rows)
-    node = _fresh("effect", (code, written), tuple(map(lift, args)))
-    Traced.effects.append(node)
-    Traced.writers.update(dict.fromkeys(written, node))
+    """Input of each lane: a row of an array."""
+    return _make("load", (), (array, row))
 
 
 def uniform_input(array: str, index: int) -> Traced:

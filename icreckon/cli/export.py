@@ -31,9 +31,6 @@ def command(
     imu_rate: Annotated[
         float, Option(help="Highest rate of the IMU in Hz, for the size of a buffer.")
     ] = 200.0,
-    compact: Annotated[
-        bool, Option("--compact", help="Write smaller code, which takes 2.6 times as long.")
-    ] = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Write the filter of a robot in C, for microcontrollers and C++ programs.
@@ -49,7 +46,7 @@ def command(
     with written_beside(
         out, overwrite=overwrite, marker=MANIFEST, mark=b"icreckon_filter.h", keeps_foreign=True
     ) as folder:
-        exported = filter_in_c(loaded, found, bits=bits, imu_rate=imu_rate, compact=compact)
+        exported = filter_in_c(loaded, found, bits=bits, imu_rate=imu_rate)
         exported.write(folder)
         say("running the Python filter for the self-test")
         log = simulate(DRIVE, loaded)

@@ -22,20 +22,15 @@ from same_runs import ROBOT
 DOUBLE, FLOAT = 1e-9, 0.02
 LAST = [(name, scene.variants[-1]) for name, scene in SCENES.items()]
 OTHERS = [(name, one) for name, scene in SCENES.items() for one in scene.variants[:-1]]
-# Scenes that use all kernels of the compact form, and all kinds of fixed states.
-IN_LOOPS = (
-    "fixes", "headings of some fixes", "fixes that wander", "fixes that depart by slip",
-    "a gyro that jumps", "states that are considered",
-)  # fmt: skip
 # Flags of `enum icr_health`, by the name of the finding.
 FLAGS = {"stuck": 0b1110, "spinning": 0b110000, "sliding": 1 << 6, "carried": 1 << 7}
 FLAGS |= {"failing": 1 << 8, "scattering": 1 << 9}
 LATE, AHEAD, INVALID, NO_TRACKS = 3, 4, 5, 6
 
 
-def of_scene(name: str, variant: str, bits: int, *, compact: bool = False) -> Difference:
+def of_scene(name: str, variant: str, bits: int) -> Difference:
     scene = SCENES[name]
-    found = CFilter(scene.robot, variant, scene.settings, bits=bits, compact=compact)
+    found = CFilter(scene.robot, variant, scene.settings, bits=bits)
     found.start(scene.start, 0.02, 0.01)
     expected = PoseEstimator(scene.robot, variant, settings=scene.settings, **scene.options())
     off = compare(found, expected, scene.log().measurements())
@@ -50,29 +45,21 @@ def of_scene(name: str, variant: str, bits: int, *, compact: bool = False) -> Di
     return off
 
 
-@pytest.mark.parametrize(
-    ("name", "variant", "compact"),
-    [
-        *((*one, False) for one in LAST),
-        *((*one, True) if one[0] in IN_LOOPS else thorough(*one, True) for one in LAST),
-        *(thorough(*one, compact) for one in OTHERS for compact in (False, True)),
-    ],
-)
-def test_double_agrees_with_the_estimator(name: str, variant: str, compact: bool) -> None:
-    off = of_scene(name, variant, 64, compact=compact)
+@pytest.mark.parametrize(("name", "variant"), [*LAST, *(thorough(*one) for one in OTHERS)])
+def test_double_agrees_with_the_estimator(name: str, variant: str) -> None:
+    off = of_scene(name, variant, 64)
     assert off.results == 0, off.at
     rounding = SCENES[name].rounding
     assert off.state < 0.1 * rounding, off.at
     assert max(off.covariance, off.twist) < rounding, off.at
 
 
-@pytest.mark.parametrize("compact", [False, thorough(True)])
 @pytest.mark.parametrize("variant", sorted(VARIANTS))
-def test_all_variants_can_be_exported(variant: str, compact: bool) -> None:
+def test_all_variants_can_be_exported(variant: str) -> None:
     scenario = Scenario(
         duration=40.0, seed=3, trajectory="random", fix_rate=1.0, fixes=FixSpec(heading_sigma=0.05)
     )
-    found = CFilter(ROBOT, variant, compact=compact)
+    found = CFilter(ROBOT, variant)
     off = compare(found, PoseEstimator(ROBOT, variant), simulate(scenario, ROBOT).measurements())
     assert off.results == 0, off.at
     assert off.state < DOUBLE, off.at
@@ -94,7 +81,6 @@ def with_velocities(log: Log) -> list[Measurement]:
     return found
 
 
-@pytest.mark.parametrize("compact", [False, thorough(True)])
 @pytest.mark.parametrize(
     ("variant", "settings"),
     [
@@ -104,10 +90,10 @@ def with_velocities(log: Log) -> list[Measurement]:
         thorough("inertia-online", Settings(wander=FixWander(sigma=2.0, time=60.0))),
     ],
 )
-def test_velocities_and_zero_velocities(variant: str, settings: Settings, compact: bool) -> None:
+def test_velocities_and_zero_velocities(variant: str, settings: Settings) -> None:
     scenario = Scenario(duration=60.0, seed=8, trajectory="stop-and-go", fix_rate=0.5)
     log = simulate(scenario, ROBOT)
-    found = CFilter(ROBOT, variant, settings, compact=compact)
+    found = CFilter(ROBOT, variant, settings)
     expected = PoseEstimator(ROBOT, variant, settings=settings)
     off = compare(found, expected, with_velocities(log))
     counts = expected.health.sensors["body velocity"]
@@ -151,13 +137,12 @@ def taken(log: Log) -> list[Measurement]:
 LONG = [(300.0, 0.0), thorough(3600.0, 0.0), thorough(3600.0, 0.2)]
 
 
-@pytest.mark.parametrize("compact", [False, True])
 @pytest.mark.parametrize(("duration", "fix_rate"), LONG)
-def test_float_agrees_over_long_drives(duration: float, fix_rate: float, compact: bool) -> None:
+def test_float_agrees_over_long_drives(duration: float, fix_rate: float) -> None:
     scenario = Scenario(duration=duration, seed=7, trajectory="random", fix_rate=fix_rate)
     log = simulate(scenario, ROBOT)
     for variant in ("gyro", "inertia-online"):
-        found = CFilter(ROBOT, variant, bits=32, compact=compact)
+        found = CFilter(ROBOT, variant, bits=32)
         off = compare(found, PoseEstimator(ROBOT, variant), log.measurements(), every=997)
         assert off.state < 0.5 * FLOAT, off.at
         assert off.covariance < FLOAT, off.at

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import pytest
 
-from conftest import thorough
 from icreckon import VARIANTS, Scenario, simulate
 from icreckon.estimator.embedded.c_filter import filter_in_c
 from icreckon.estimator.embedded.vectors import vectors_of
@@ -58,10 +57,9 @@ BOARDS = {
         12 * KIB,
     ),
 }
-# Largest code in float, and most instructions of a pair of samples; of the compact form by its variant.
+# Largest code in float, and most instructions of a pair of samples.
 LARGEST_CODE = {"inertia-online": 160 * KIB, "gyro": 128 * KIB}
-COMPACT_CODE = {"inertia-online": 64 * KIB, "gyro": 48 * KIB}
-MOST_MEAN, MOST_COMPACT = 20_000, 3 * 19_000
+MOST_MEAN = 20_000
 
 
 def tool(name: str) -> str:
@@ -117,14 +115,11 @@ def code_size(of: Path) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("compact", "variant"),
-    [(False, "gyro"), (False, "inertia-online"), (True, "inertia-online"), thorough(True, "gyro")],
-)
+@pytest.mark.parametrize("variant", LARGEST_CODE)
 @pytest.mark.parametrize("name", BOARDS)
-def test_on_a_cortex_m(name: str, compact: bool, variant: str, tmp_path: Path) -> None:
+def test_on_a_cortex_m(name: str, variant: str, tmp_path: Path) -> None:
     board, of = BOARDS[name], VARIANTS[variant]
-    exported = filter_in_c(ROBOT, of, bits=board.bits, imu_rate=200.0, compact=compact)
+    exported = filter_in_c(ROBOT, of, bits=board.bits, imu_rate=200.0)
     exported.write(tmp_path)
     log = simulate(Scenario(duration=20.0, fix_rate=1.0), ROBOT)
     vectors = vectors_of(ROBOT, VARIANTS[variant], exported.states, log.measurements())
@@ -138,11 +133,10 @@ def test_on_a_cortex_m(name: str, compact: bool, variant: str, tmp_path: Path) -
     share = 100.0 * mean / board.clock
     of_step = f"{mean} instructions a pair, {most} at most: {share:.2%} of {board.clock:.3g} Hz"
     sizes = f"code {code / KIB:.0f} KiB, filter {struct} B, stack {stack} B"
-    form = f"{variant}{', compact' * compact}"
-    print(f"\n{name}, {form}, {' '.join(OPTIMISED)}: {of_step} at 100 Hz; {sizes}; {result}")  # noqa: T201
+    print(f"\n{name}, {variant}, {' '.join(OPTIMISED)}: {of_step} at 100 Hz; {sizes}; {result}")  # noqa: T201
     assert share < board.share
     assert struct <= board.struct
     assert stack <= board.stack
     if board.bits == 32:
-        assert code <= (COMPACT_CODE if compact else LARGEST_CODE)[variant]
-        assert mean <= (MOST_COMPACT if compact else MOST_MEAN)
+        assert code <= LARGEST_CODE[variant]
+        assert mean <= MOST_MEAN
