@@ -10,6 +10,7 @@ larger is not proposed, unless the fixes state it: a receiver that states 0.8 m,
 by 2 cm, has slow errors of the stated size.
 
 Places are complex numbers x + i y. So turn and scale are one factor, and both axes have one likelihood.
+The same fit over shorter windows gives the place of the antenna.
 """
 
 import math
@@ -25,6 +26,10 @@ from icreckon.estimator.log.series import running_integral
 
 WINDOW = 120.0  # length of a window [s]
 LEAST_WINDOWS = 2  # least number of windows
+ANTENNA_WINDOW = 30.0  # length of a window for the place of the antenna [s]
+ANTENNA_WINDOWS, ANTENNA_ROUNDS = 3, 2  # least number of these; rounds to linearise the gyro's bias
+LEAST_LEVER = 0.3  # a robot turns about a point up to this far from its middle [m]
+ANTENNA_SIGMAS = 5.0  # standard errors from which a place differs, in two axes and few windows
 MOST_IN_WINDOW, FEWEST_IN_WINDOW = 100, 20
 """Fixes of a window that are used: no more than this, evenly thinned, and no fewer than that."""
 LARGEST_HOLE = 1.0  # windows with a longer gap in the track speeds or the IMU are omitted [s]
@@ -76,9 +81,8 @@ class _Window(NamedTuple):
 
     seconds: Floats  # (n,) times [s]
     positions: Floats  # (n,) fixes [m]
-    path: Floats  # (n,) path by odometry, in the unit of the tracks
-    # (n, k) orthonormal regressors: offset, path, its change by a gyro bias, direction of an antenna
-    design: Floats
+    columns: Floats  # (n, 4) regressors: 1, path by odometry, its change by a gyro bias, heading
+    design: Floats  # (n, k) orthonormal regressors that span the columns
 
 
 class _Fit(NamedTuple):
@@ -100,7 +104,7 @@ def estimate_wander(
         return "there are no fixes"
     if vertical is None or log.imu is None or len(log.tracks.stamps) < 2:
         return "there is no gyro, or no track speeds, to compare them with"
-    windows = _cut_windows(log, log.imu.stamps, vertical)
+    windows = _cut_windows(log, log.imu.stamps, vertical, WINDOW)
     if len(windows) < LEAST_WINDOWS:
         return (
             f"it takes {LEAST_WINDOWS} spans of {WINDOW:.0f} s with {FEWEST_IN_WINDOW} fixes, tracks and "
@@ -140,8 +144,61 @@ def _times_as_good(fits: dict[tuple[float, float], _Fit]) -> tuple[float, float]
     return as_good[0], as_good[-1]
 
 
-def _cut_windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
-    """Cut the fixes into windows, with the path by odometry.
+class Antenna(NamedTuple):
+    """Place of the antenna by the fixes."""
+
+    place: Floats  # (2,) forward and left [m]
+    sigma: float  # its standard error on each axis [m]
+    scatter: float  # RMS distance of fixes from odometry in a window, the place included [m]
+
+    def differs(self, place: Floats) -> bool:
+        """True if it differs from a place (2,) [m] by more than odometry explains."""
+        shift = float(np.hypot(*(self.place - place)))
+        return shift >= max(LEAST_LEVER, ANTENNA_SIGMAS * self.sigma, 2.0 * self.scatter)
+
+
+def antenna_place(log: Log, vertical: Floats | None) -> Antenna | None:
+    """Place of the antenna; `vertical` as in `estimate_wander`.
+
+    None if three windows do not show it: the robot has to turn.
+    """
+    if vertical is None or len(log.tracks.stamps) < 2:
+        return None
+    stamps = np.zeros(0, np.int64) if log.imu is None else log.imu.stamps
+    antenna, bias = None, 0.0
+    for _ in range(ANTENNA_ROUNDS):
+        found = [
+            _fit_antenna(window)
+            for window in _cut_windows(log, stamps, vertical + bias, ANTENNA_WINDOW)
+            if window.design.shape[1] == window.columns.shape[1]
+        ]
+        if len(found) < ANTENNA_WINDOWS:
+            return None
+        place, biases, weight, scatter = map(np.array, zip(*found, strict=True))
+        bias += float(np.median(biases))
+        mean = weight @ place / weight.sum()
+        # Errors of odometry are larger than those of the fit: the windows' spread shows them.
+        spread = np.sqrt(weight**2 @ np.abs(place - mean) ** 2 / 2.0) / weight.sum()
+        sigma = float(spread * np.sqrt(len(place) / (len(place) - 1.0)))
+        antenna = Antenna(np.array([mean.real, mean.imag]), sigma, float(np.median(scatter)))
+    return antenna
+
+
+def _fit_antenna(window: _Window) -> tuple[complex, float, float, float]:
+    """Place of the antenna [m], error of the gyro's bias [rad/s], weight, and scatter [m]."""
+    scale = np.linalg.norm(window.columns, axis=0)
+    inverse = np.linalg.pinv(window.columns / scale) / scale[:, None]
+    _, by_path, by_bias, by_heading = factors = inverse @ window.positions
+    residual = window.positions - window.columns @ factors
+    scatter = max(float(np.sqrt(np.mean(np.abs(residual) ** 2))), 1e-6)
+    weight = float((scatter * np.linalg.norm(inverse[3])) ** -2)
+    # The angle of the path's factor is the heading of odometry.
+    place = complex(by_heading * np.exp(-1j * np.angle(by_path)))
+    return place, float((by_bias / by_path).real), weight, scatter
+
+
+def _cut_windows(log: Log, stamps: Stamps, vertical: Floats, length: float) -> list[_Window]:
+    """Cut the fixes into windows of a length [s], with the path by odometry.
 
     `vertical` (n,) is the yaw rate [rad/s] at the IMU's stamps (n,) [ns]. Windows with holes or too few
     fixes are left out.
@@ -165,36 +222,37 @@ def _cut_windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
     if not len(times):
         return []
     windows = []
-    *numbers, _incomplete = np.unique((times - times[0]) // WINDOW).tolist()
+    *numbers, _incomplete = np.unique((times - times[0]) // length).tolist()
     for number in numbers:
-        begin = times[0] + number * WINDOW
-        rows = np.flatnonzero((times >= begin) & (times < begin + WINDOW))
+        begin, end = times[0] + number * length, times[0] + (number + 1.0) * length
+        rows = np.flatnonzero((times >= begin) & (times < end))
         rows = rows[~_are_outliers(positions[rows])]
         rows = rows[:: max(1, math.ceil(len(rows) / MOST_IN_WINDOW))]
-        has_hole = any(_has_hole(each, origin, begin) for each in (stamps, log.tracks.stamps))
+        has_hole = any(_has_hole(each, origin, begin, end) for each in (stamps, log.tracks.stamps))
         if len(rows) < FEWEST_IN_WINDOW or has_hole:
             continue
-        at_fixes = np.interp(times[rows], seconds, path)
-        others = (np.interp(times[rows], seconds, one) for one in (bias_path, np.exp(1j * yaw)))
-        design = _independent_columns(at_fixes, *others)
-        windows.append(_Window(times[rows], positions[rows], at_fixes, design))
+        curves = (path, bias_path, np.exp(1j * yaw))
+        at, by_bias, heading = (np.interp(times[rows], seconds, curve) for curve in curves)
+        # A bias turns the path about the heading at the middle of the window.
+        by_bias = by_bias - 0.5j * (begin + end) * at
+        columns = np.column_stack([np.ones(len(rows)), at, by_bias, heading])
+        windows.append(_Window(times[rows], positions[rows], columns, _basis(columns)))
     return windows
 
 
-def _independent_columns(*regressors: Floats) -> Floats:
-    """Orthonormal columns (n, k) that span a constant and complex regressors (n,)."""
+def _basis(columns: Floats) -> Floats:
+    """Orthonormal columns (n, k) that span the complex columns (n, m)."""
     from scipy.linalg import orth
 
-    columns = np.column_stack([np.ones(len(regressors[0])), *regressors])
     scale = np.linalg.norm(columns, axis=0)
     basis: Floats = orth(columns / np.where(scale > 0.0, scale, 1.0), rcond=1e-6)
     return basis
 
 
-def _has_hole(stamps: Stamps, origin: int, begin: float) -> bool:
-    """Test for a gap in the samples of a window from `begin` [s] after `origin` [ns]."""
+def _has_hole(stamps: Stamps, origin: int, begin: float, end: float) -> bool:
+    """Test for a gap in the samples of a window, by its times after `origin` [ns] in seconds."""
     seconds = (stamps - origin) * NANOSECOND
-    inside = (seconds >= begin) & (seconds < begin + WINDOW)
+    inside = (seconds >= begin) & (seconds < end)
     return len(np.unique(pieces(stamps, LARGEST_HOLE)[inside])) != 1
 
 
@@ -239,9 +297,7 @@ def _distance_driven(windows: list[_Window], time: float) -> float:
     """Mean distance driven in a time [s], by odometry at the scale of the fixes [m]."""
     speeds = []
     for window in windows:
-        columns = np.column_stack([np.ones(len(window.path)), window.path])
-        (_offset, factor), *_ = np.linalg.lstsq(columns, window.positions, rcond=None)
-        scale = np.abs(factor)
-        distance = scale * float(np.abs(np.diff(window.path)).sum())
+        (_offset, factor), *_ = np.linalg.lstsq(window.columns[:, :2], window.positions, rcond=None)
+        distance = np.abs(factor) * float(np.abs(np.diff(window.columns[:, 1])).sum())
         speeds.append(distance / float(window.seconds[-1] - window.seconds[0]))
     return float(np.mean(speeds)) * min(time, WINDOW)

@@ -28,7 +28,7 @@ from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import EqualStampsError, ReplayError, coarse_stamps
 from icreckon.replay.inspection import imu_mounting, robot_file, static_frames, topic_survey, wheels
 from icreckon.replay.inspection import track_by_rate as by_rate
-from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
+from icreckon.replay.inspection.fix_wander import FixWanderEstimate, antenna_place, estimate_wander
 from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of
 from icreckon.replay.inspection.guess_topics import guess_topics, may_be_a_side, other_positions
 from icreckon.replay.inspection.gyro_bias import LEAST_BY_TRACKS, SURE, gyro_bias
@@ -212,6 +212,9 @@ def _estimates(
     wander = None
     if log.fixes is not None:
         wander = estimate_wander(log, vertical, states_sigma=estimates.states_fix_sigma)
+    antenna = None
+    if mapping.fixes and not any(mapping.fixes.position):
+        antenna = antenna_place(aligned, vertical)
     return with_changed(
         estimates,
         mounting=mounting,
@@ -220,6 +223,7 @@ def _estimates(
         latencies=latencies,
         bias=None if vertical is None else gyro_bias(aligned, vertical),
         wander=wander,
+        antenna=antenna,
     )
 
 

@@ -11,7 +11,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_toml import toml_value
-from icreckon.replay.inspection.fix_wander import FixWanderEstimate
+from icreckon.replay.inspection.fix_wander import Antenna, FixWanderEstimate
 from icreckon.replay.inspection.guess_topics import PLACEHOLDER_SIGMA
 from icreckon.replay.inspection.gyro_bias import GyroBias
 from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
@@ -64,6 +64,9 @@ class LogEstimates:
     bias: GyroBias | None = None  # bias of the gyro
     wander: FixWanderEstimate | str | None = None  # error of the fixes, or why it is not known
     imu_mount: Mount | None = None  # static transform of the IMU
+    antenna: Antenna | None = (
+        None  # place of the antenna by the fixes, where no transform states it
+    )
 
     @property
     def states_fix_sigma(self) -> bool:
@@ -323,6 +326,9 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
         if any(mapping.fixes.position):
             place = _metres(mapping.fixes.position)
             keys_of["fixes"].append(f"position = {place}    # m, of the antenna, by /{STATIC}")
+        elif estimates.antenna is not None and estimates.antenna.differs(np.zeros(2)):
+            place, sigma = _metres(estimates.antenna.place.round(2)), estimates.antenna.sigma
+            keys_of["fixes"].append(f"position = {place}    # m, ± {sigma:.1g}: antenna, by bends")
     if mapping.heading:
         keys_of["heading"] = _heading_keys(mapping.heading, estimates.log)
     if truth := mapping.truth:

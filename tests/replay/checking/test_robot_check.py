@@ -209,6 +209,16 @@ def test_signs_of_a_twist_are_those_of_its_driver(log: Log, backward, turns_alik
     assert problems(*corrected(wrong, robot)) == {}
 
 
+def test_an_antenna_that_is_elsewhere_is_named() -> None:
+    scenario = Scenario(duration=110.0, seed=3, fix_rate=5.0, trajectory="stop-and-go")
+    log = simulate(scenario, ALPHA)
+    assert problems(log, MAPPED) == {}
+    wrong = replace(log.fixes, antennas=np.tile([0.9, 0.0], (len(log.fixes.stamps), 1)))
+    (found,) = [one for one in check_robot(replace(log, fixes=wrong), MAPPED) if one.problem]
+    assert found.settings["log.fixes.position"] == pytest.approx([0.0, 0.0], abs=0.2)
+    assert problems(*found.correction(replace(log, fixes=wrong), MAPPED)) == {}
+
+
 @pytest.mark.parametrize("backward", [False, True])
 def test_a_heading_off_the_direction_of_driving_is_named(backward: bool) -> None:
     scenario = Scenario(duration=110.0, seed=3, fix_rate=5.0, trajectory="slalom")

@@ -36,15 +36,20 @@ def test_wander_is_found() -> None:
     assert 0.15 < found.white < 0.45
 
 
-def test_an_antenna_off_the_centre_is_no_wander() -> None:
+def test_an_antenna_off_the_centre_is_found_and_is_no_wander(tmp_path: Path) -> None:
     """Its place turns with the robot."""
     log = driven(FixSpec(sigma=0.02))
     at = log.fixes.stamps
     arm = (-1.0 + 0.5j) * np.exp(1j * interpolate_poses(log.truth.poses, at)[:, 2])
     moved = log.fixes.poses + np.column_stack([arm.real, arm.imag, np.zeros(len(at))])
-    found = found_in(replace(log, fixes=replace(log.fixes, poses=moved)))
+    log = replace(log, fixes=replace(log.fixes, poses=moved))
+    found = found_in(log)
     assert found.reason
     assert found.sigma < 0.5
+    text = inspect(write_log(log, tmp_path / "bag", "mcap", ALPHA)).proposed_robot_file
+    place = re.search(r"^position = \[(\S+), (\S+)\]", text, re.MULTILINE).groups()
+    # The robot turns about a point 0.1 m behind its middle.
+    assert [*map(float, place)] == pytest.approx([-1.0, 0.5], abs=0.12)
 
 
 @pytest.mark.parametrize("sigma", [0.05, 0.3])

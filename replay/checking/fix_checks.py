@@ -1,18 +1,56 @@
-"""Check of a heading sensor: its offset from the direction of driving."""
+"""Checks of fixes: place of the antenna; offset of a heading from the direction of driving."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.checking.check import SIGMAS, Check, Measured
+from icreckon.replay.checking.check import SIGMAS, Check, Measured, in_base
+from icreckon.replay.inspection.fix_wander import antenna_place
 from icreckon.replay.inspection.wheels import heading_offset
 from icreckon.replay.mapping.topics import topic_map
 
 LEAST_OFFSET = 10.0  # a robot that slides in bends drives some degrees off its heading [deg]
+
+
+def check_antenna(log: Log, robot: Robot) -> Iterator[Check]:
+    """Place of the antenna of position fixes, by odometry in bends."""
+    fixes = log.fixes
+    if fixes is None or log.imu is None:
+        return
+    places = np.unique(fixes.lever_arms, axis=0)
+    name, in_file = "place of the antenna", "; ".join(map(_metres, places))
+    vertical, _ = in_base(log.imu, robot)
+    found = antenna_place(log, vertical) if len(places) == 1 else None
+    if found is None:
+        yield Check(name, in_file, "not seen: no three spans of 30 s with fixes and turns")
+        return
+    place, shift = found.place, float(np.hypot(*(found.place - places[0])))
+    measured = Measured(shift, "m", 0.0, found.sigma)
+    check = Check(name, in_file, f"{_metres(place)} ± {found.sigma:.2g}", measured=measured)
+    if not found.differs(places[0]):
+        yield check
+        return
+    moved = replace(fixes, antennas=np.tile(place, (len(fixes.stamps), 1)))
+    mapping = topic_map(robot)
+    columns = mapping.columns is not None and mapping.columns.fixes is not None
+    table = "log.columns.fixes" if columns and mapping.fixes is None else "log.fixes"
+    yield check.contradicted(
+        f"the fixes are of a point {shift:.2f} m from the file's: with fixes, poses are as far off",
+        f"position = [{place[0]:.2f}, {place[1]:.2f}] in [log.fixes]",
+        lambda log, robot: (replace(log, fixes=moved), robot),
+        {f"{table}.position": place.round(2).tolist()},
+    )
+
+
+def _metres(place: Floats) -> str:
+    return f"{place[0] + 0.0:.2f}, {place[1] + 0.0:.2f} m"
 
 
 def check_heading(log: Log, robot: Robot) -> Iterator[Check]:
