@@ -146,7 +146,8 @@ def fill_inputs(
         fill_lane(inputs, lane, lanes, measured, steps, added)
     for lane in range(count, inputs.shape[2]):
         for k in range(len(steps.starts)):
-            inputs[k, :, lane] = inputs[k, :, count - 1]
+            for row in range(inputs.shape[1]):
+                inputs[k, row, lane] = inputs[k, row, count - 1]
 
 
 def fill_lane(

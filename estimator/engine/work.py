@@ -168,7 +168,11 @@ def process_position(
         # The twist's covariance follows the inflation.
         step_inputs[MODE, :] = SKIPPED
         run_kernel(kernel, workspace, step_inputs, constants)
-    step_inputs[FIX_VARIANCE, :], step_inputs[MODE, :] = stated_variances, modes
+    for lane in range(width):
+        step_inputs[FIX_VARIANCE, lane], step_inputs[MODE, lane] = (
+            stated_variances[lane],
+            modes[lane],
+        )
 
 
 def relocate_lost(

@@ -57,9 +57,11 @@ def look_up(
     """
     x, y, yaw = pose
     friction, rolling = under
-    friction[:] = outside.friction
-    rolling[:] = outside.rolling
     slope[:] = 0.0
+    for track in range(2):
+        rolling[track] = outside.rolling[track]
+        for axis in range(2):
+            friction[track, axis] = outside.friction[track, axis]
     for patch in patches:
         for track in range(2):
             side = half_gauge if track else -half_gauge
