@@ -39,7 +39,7 @@ GYRO = re.compile(
     r"^(?:imu_?)?(?:gyro?(?:scope)?|ang(?:ular)?_?vel(?:ocity)?|omega|w|g)?[_.]?([xyz])$"
 )
 ACCELEROMETER = re.compile(
-    r"^(?:imu_?)?(?:acc(?:el(?:eration|erometer)?)?|lin(?:ear)?_?acc(?:el(?:eration)?)?|a)[_.]?([xyz])$"
+    r"^(?:imu_?)?(?:total_?)?(?:acc(?:el(?:eration|erometer)?)?|lin(?:ear)?_?acc(?:el(?:eration)?)?|a)[_.]?([xyz])$"
 )
 YAW_RATE = re.compile(r"(?:^|imu_)(?:yaw_?rate|gyro(?:_?yaw)?|angular_?vel(?:ocity)?|omega)$")
 LATITUDE, LONGITUDE, ALTITUDE = (
@@ -63,12 +63,13 @@ class _Time(NamedTuple):
 def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap | None:
     """Guess the columns of each stream; None if no table has a column of the time.
 
-    A stream is taken from the first table that has it. Columns belong to the truth if their name, or that
-    of their table, satisfies `is_truth`. Columns of commands are skipped. `time_column` is used where a
-    table has it; a table without a time is skipped.
+    A stream is taken from the first table that has it; rates and forces may be in two. Columns belong to
+    the truth if their name, or that of their table, satisfies `is_truth`. Columns of commands are
+    skipped. `time_column` is used where a table has it; a table without a time is skipped.
     """
     main: tuple[str, TimeUnit] | None = None
-    tracks, imu, fixes, truth = None, None, None, None
+    tracks, fixes, truth = None, None, None
+    of_imu: dict[_Time, list[str]] = {}
     for table in tables:
         table_time = time_column_of(table, time_column)
         if table_time is None:
@@ -85,10 +86,18 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         true_names = [name for name in names if is_truth(table.path.stem) or is_truth(name)]
         measured = [name for name in names if name not in true_names and not is_command(name)]
         tracks = tracks or _tracks(measured, time, table)
-        imu = imu or _imu(measured, time)
+        # The last name of an axis counts: those of the first table come last.
+        of_imu[time] = [*_with_file(measured, table), *of_imu.get(time, [])]
         fixes = fixes or _fixes(measured, time)
         truth = truth or _truth(true_names, time)
+    imus = (_imu(names, time) for time, names in of_imu.items())
+    imu = next((found for found in imus if found is not None), None)
     return None if main is None else ColumnMap(*main, tracks, imu, fixes, truth)
+
+
+def _with_file(names: Sequence[str], table: Table) -> list[str]:
+    """Names, of which bare axes have that of the file before them: "Gyroscope.x"."""
+    return [f"{table.path.stem}.{name}" if name in "xyz" else name for name in names]
 
 
 def _plain(name: str) -> str:

@@ -269,8 +269,9 @@ class HeadingColumns(Bounded, frozen=True):
 class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Columns of each stream; None if the tables lack the stream.
 
-    A stream is read from each file that has all of its columns. A row whose cells are empty in all
-    columns of a stream belongs to other streams.
+    A stream is read from each file that has all of its columns. Sides of the tracks, and rates and forces
+    of the IMU, may be in a file each: they are interpolated. "FILE.column", without the file's ending, is
+    that of one file. A row whose cells are empty in all columns of a stream belongs to other streams.
 
     Attributes:
         time: column of the time.

@@ -54,10 +54,11 @@ class Gathered:
         self.truth_source = self.truth_source or of_file.truth_source
         self.found.update(of_file.found)
         for purpose, stream in of_file.streams.items():
-            if purpose in self.streams:
-                self.streams[purpose].extend(stream)
-            else:
+            known = self.streams.get(purpose)
+            if known is None or (known.missing and not stream.missing):
                 self.streams[purpose] = stream
+            elif known.missing or not stream.missing:
+                known.extend(stream)
 
 
 def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
@@ -148,6 +149,7 @@ def gather(
             result.add(over_bag(path, read))
         else:
             result.add(_of_table(path, result.mapping))
+    result.streams = {key: stream for key, stream in result.streams.items() if not stream.missing}
     _check_all_there(result, bags, paths)
     if bags:
         result.notes += _left_out(result)
@@ -308,7 +310,7 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
         for purpose, spec in wanted_columns(result.mapping.columns):
             listed_names = [spec.time or result.mapping.columns.time, *spec.names]
             missing.setdefault(purpose, []).append(
-                f"columns {', '.join(listed_names)} for {purpose} are not all in one table"
+                f"columns {', '.join(listed_names)} for {purpose} are not all in these tables"
             )
     for purpose, texts in missing.items():
         if purpose in result.streams:

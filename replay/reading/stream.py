@@ -105,10 +105,13 @@ class Stream:
     notes: list[str] = field(default_factory=list)  # findings about the stream, for the user
     # stream of the right side, of track speeds on two topics: rows have NaN for the other side
     right: Stream | None = None
+    # columns of a table that other tables have, each with rows of its own: NaN here
+    missing: set[str] = field(default_factory=set)
     _decode: dict[Channel, Callable[[bytes], Any]] = field(default_factory=dict)
     _rows: Rows = field(default_factory=Rows)
     _headless: int = 0
     _parts: list[Span] = field(default_factory=list)
+    _joins: list[int] = field(default_factory=list)  # last rows of tables with other columns
 
     def _spans(self) -> list[Span]:
         """Start and end of the stream in each file."""
@@ -165,8 +168,12 @@ class Stream:
                 f"{self.purpose} are of type {self.msgtype!r} in {self.source}, and of type "
                 f"{other.msgtype!r} in {other.source}; one log has them of one type"
             )
-        for span, other_span in product(self._spans(), other._spans()):
-            _check_parts_of_one_log(self.purpose, span, other_span)
+        if not (self.missing or other.missing):
+            for span, other_span in product(self._spans(), other._spans()):
+                _check_parts_of_one_log(self.purpose, span, other_span)
+        else:
+            self._joins.append(len(self._rows.recorded) - 1)
+        self.missing &= other.missing
         self._parts = [*self._spans(), *other._spans()]
         self.msgtype = self.msgtype or other.msgtype
         for reason, count in other.lost.items():
@@ -205,9 +212,11 @@ class Stream:
         stamped = np.array(gathered.stamped, dtype=np.int64)
         rows = np.array(gathered.values, dtype=float)
         order = np.argsort(recorded, kind="stable")
-        if self.from_table and (back := int((np.diff(recorded) < 0).sum())):
-            row = int(np.diff(recorded).argmin())
-            seconds = int(recorded[row] - recorded[row + 1]) * NANOSECOND
+        apart = np.diff(recorded)
+        apart[self._joins] = 0
+        if self.from_table and (back := int((apart < 0).sum())):
+            row = int(apart.argmin())
+            seconds = -int(apart[row]) * NANOSECOND
             note = f"times of {self.purpose} go back ({back} x): rows are sorted by them"
             if seconds > LATE:
                 restart = f"set them back by {seconds:.1f} s after row {row + 1}"

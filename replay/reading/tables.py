@@ -134,20 +134,31 @@ class Table:
 
     def has(self, names: Sequence[str]) -> bool:
         """Test for the presence of all these columns."""
-        return set(names) <= {column.name for column in self.columns}
+        return len(self.present(names)) == len(set(names))
+
+    def present(self, names: Sequence[str]) -> set[str]:
+        """Names of these that are columns of the table, also as "FILE.column" without its ending."""
+        own_names = {column.name for column in self.columns}
+        return {name for name in names if self._bare(name) in own_names}
+
+    def _bare(self, name: str) -> str:
+        """Name of a column without that of the file before it."""
+        has_it = any(column.name == name for column in self.columns)
+        return name if has_it else name.removeprefix(f"{self.path.stem}.")
 
     def numbers(self, names: Sequence[str]) -> Floats:
-        """Columns as numbers (n, k); NaN for an empty cell.
+        """Columns as numbers (n, k); NaN for an empty cell, and for a column of another table.
 
         Raises:
             ReplayError: a column holds something else.
         """
-        return np.column_stack([self._numbers(name) for name in names])
+        here, missing = self.present(names), np.full(len(self), NAN)
+        return np.column_stack([self._numbers(name) if name in here else missing for name in names])
 
     def _numbers(self, name: str) -> Floats:
         import pyarrow as pa
 
-        column = self._column(name, "numbers")
+        column = self._column(self._bare(name), "numbers")
         if pa.types.is_null(column.type):
             return np.full(len(column), NAN)
         if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
@@ -248,7 +259,7 @@ def _strays(column: Any) -> _Strays | None:
 
 
 def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
-    """Read the streams whose columns are all in a table.
+    """Read the streams whose columns are in a table; some columns are enough for a part of one.
 
     Raises:
         ReplayError: a column holds no numbers, or no times.
@@ -256,7 +267,9 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
     streams: list[Stream] = []
     for purpose, spec in wanted_columns(columns):
         names, time = spec.names, spec.time or columns.time
-        if not table.has([time, *names]):
+        there = table.present(names)
+        is_whole = len(there) == len(set(names))
+        if not (table.has([time]) and there and (is_whole or purpose in SAMPLED)):
             continue
         stamps, timed = table.stamps(time, spec.time_unit or columns.time_unit)
         values = table.numbers(names)
@@ -264,6 +277,7 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         is_kept = has_value & timed
         stream = Stream(purpose, f"columns {', '.join(names)}", str(table.path), "auto", {})
         stream.from_table = True
+        stream.missing = set(names) - there
         stream.lose("no time", int((has_value & ~timed).sum()))
         column, kept = f"{table.path.name}: column {time!r}", stamps[is_kept]
         notes = _coarse(column, kept), _wrong_unit(column, kept) if purpose in SAMPLED else None
@@ -301,13 +315,13 @@ def _coarse(column: str, stamps: Stamps) -> str | None:
 
 
 def are_parts(paths: Sequence[Path], columns: ColumnMap | None) -> bool:
-    """Return True for bags and tables of which only some have the track speeds."""
-    tracks = columns.tracks if columns else None
-    has_tracks = (
-        not is_table(path) or (tracks is not None and Table(path).has(tracks.names))
-        for path in paths
-    )
-    return columns is not None and len(set(has_tracks)) > 1
+    """Return True for bags and tables that have not the same columns of the track speeds."""
+    if columns is None:
+        return False
+    names = columns.tracks.names if columns.tracks else ()
+    of_bag = set(names) or {""}
+    found = (Table(path).present(names) if is_table(path) else of_bag for path in paths)
+    return len(set(map(frozenset, found))) > 1
 
 
 Columns = TrackColumns | ImuColumns | PoseColumns | HeadingColumns

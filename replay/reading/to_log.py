@@ -238,6 +238,11 @@ class _Assembly:
     def _imu(self, stream: Stream) -> series.ImuSeries | None:
         """IMU samples, without specific forces if no row has any; None if none is usable."""
         stamps, rows = self._arrays(stream, 6)
+        measured = np.flatnonzero(~np.isnan(rows).all(axis=0))
+        # Accelerations of a table of their own are interpolated at the stamps of the gyros.
+        stamps, found = interpolated(stamps, rows[:, measured], None, slowest=0)
+        rows = np.full((len(stamps), 6), np.nan)
+        rows[:, measured] = found
         rates, forces = rows[:, :3], rows[:, 3:]
         has_forces = bool(len(forces)) and not np.isnan(forces).all()
         keep = self._screened(stream, stamps, rows if has_forces else rates)

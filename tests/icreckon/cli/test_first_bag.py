@@ -75,7 +75,7 @@ def test_an_imu_that_is_missing_stands_above_the_verdict(folder: Path) -> None:
     done = icreckon("replay", "wheels.csv", "truth.csv", *REPLAY, "--formats", "none", cwd=folder)
     lines = done.stdout.splitlines()
     assert lines[0].startswith("The robot file does not fit this log")
-    assert "for imu are not all in one table" in lines[1]
+    assert "for imu are not all in these tables" in lines[1]
     assert not any(line.startswith("Note: robot file") for line in lines)
 
 

@@ -273,7 +273,7 @@ def test_a_table_needs_a_column_map(tmp_path: Path) -> None:
 def test_a_stream_that_is_not_there_is_noted(tmp_path: Path) -> None:
     log = read(write(tmp_path / "run.csv", RUN), tracks=SPEEDS, imu={"angular_velocity": ["gz"]})
     assert log.imu is None
-    assert "columns t, gz for imu are not all in one table" in log.notes[0]
+    assert "columns t, gz for imu are not all in these tables" in log.notes[0]
 
 
 def test_spaces_and_a_byte_order_mark(tmp_path: Path) -> None:
