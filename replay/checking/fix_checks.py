@@ -1,4 +1,4 @@
-"""Checks of fixes: place of the antenna; offset of a heading from the direction of driving."""
+"""Checks of fixes: place of the antenna, offset of a heading."""
 
 import math
 from collections.abc import Iterator

@@ -185,7 +185,7 @@ def antenna_place(log: Log, vertical: Floats | None) -> Antenna | None:
 
 
 def _fit_antenna(window: _Window) -> tuple[complex, float, float, float]:
-    """Place of the antenna [m], error of the gyro's bias [rad/s], weight, and scatter [m]."""
+    """Place of the antenna [m], error of the bias [rad/s], weight, scatter [m]."""
     scale = np.linalg.norm(window.columns, axis=0)
     inverse = np.linalg.pinv(window.columns / scale) / scale[:, None]
     _, by_path, by_bias, by_heading = factors = inverse @ window.positions
@@ -250,7 +250,7 @@ def _basis(columns: Floats) -> Floats:
 
 
 def _has_hole(stamps: Stamps, origin: int, begin: float, end: float) -> bool:
-    """Test for a gap in the samples of a window, by its times after `origin` [ns] in seconds."""
+    """Test for a gap in the samples of a window [s] after `origin` [ns]."""
     seconds = (stamps - origin) * NANOSECOND
     inside = (seconds >= begin) & (seconds < end)
     return len(np.unique(pieces(stamps, LARGEST_HOLE)[inside])) != 1

@@ -19,7 +19,7 @@ from icreckon.replay.mapping.topics import (
     TruthTopic,
 )
 from icreckon.replay.mapping.track_units import ANY_COUNTS, TrackUnit
-from icreckon.replay.reading.message_rows import GEODETIC_READERS, STATUS_NO_FIX
+from icreckon.replay.reading.message_rows import GEODETIC_READERS, STATUS_NO_FIX, imu_row
 from icreckon.replay.reading.stream import ABSENT
 
 DRIVE_WORDS = ("wheel", "track", "sprocket", "drive")
@@ -193,6 +193,12 @@ def _measures_rates(survey: Survey) -> bool:
     return False
 
 
+def _measures_forces(survey: Survey) -> bool:
+    """Test the samples of an Imu topic for accelerations, likewise."""
+    rows = (imu_row(message)[3:] for message in survey.messages)
+    return any(np.isfinite(row).all() and any(row) for row in rows)
+
+
 def _heading(surveys: Mapping[str, Survey]) -> HeadingTopic | None:
     """Guess an Imu topic with an orientation but no rates, as of two antennas."""
     for topic, survey in surveys.items():
@@ -207,13 +213,14 @@ def _heading(surveys: Mapping[str, Survey]) -> HeadingTopic | None:
 
 
 def _imu(surveys: Mapping[str, Survey]) -> ImuTopic | None:
-    """Guess the Imu topic with most messages, of those that measure rates."""
-    counts = {
-        topic: len(survey.recorded)
-        for topic, survey in surveys.items()
-        if survey.channel.msgtype == ros.IMU and _measures_rates(survey)
-    }
-    return ImuTopic(max(counts, key=lambda topic: counts[topic])) if counts else None
+    """Guess the Imu topic with most rates, and a topic of accelerations alone."""
+    imus = {topic: one for topic, one in surveys.items() if one.channel.msgtype == ros.IMU}
+    counts = {topic: len(one.recorded) for topic, one in imus.items() if _measures_rates(one)}
+    if not counts:
+        return None
+    topic = max(counts, key=lambda topic: counts[topic])
+    apart = (one for one in imus if one not in counts and _measures_forces(imus[one]))
+    return ImuTopic(topic, None if _measures_forces(imus[topic]) else next(apart, None))
 
 
 def other_positions(surveys: Iterable[Survey], mapping: TopicMap) -> list[str]:

@@ -314,7 +314,9 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
         keys_of["tracks"] = _track_keys(mapping.tracks)
     if mapping.imu:
         rate, force = mapping.imu.rate_unit, mapping.imu.acceleration_unit
-        keys_of["imu"] = [f'rate_unit = "{rate}"'] if rate != "rad/s" else []
+        apart = mapping.imu.acceleration_topic
+        keys_of["imu"] = [f"acceleration_topic = {toml_value(apart)}"] if apart else []
+        keys_of["imu"] += [f'rate_unit = "{rate}"'] if rate != "rad/s" else []
         keys_of["imu"] += [f'acceleration_unit = "{force}"'] if force != "m/s2" else []
     if mapping.fixes:
         hint = "# Where they are a truth, as of a lidar map: [log.truth], with the topic alone."

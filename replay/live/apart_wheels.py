@@ -1,4 +1,4 @@
-"""Wheels that come in messages of their own, interpolated as in a replay."""
+"""Wheels or accelerations that come in messages of their own, interpolated."""
 
 import numpy as np
 
@@ -13,13 +13,15 @@ class ApartWheels:
     """Newest values of wheels, until those of all can be interpolated.
 
     A row is ready once each wheel has a value at its stamp or later: up to an interval of the wheels
-    after its message. The slowest wheel is that with the fewest messages so far.
+    after its message. Rows have the stamps of column `at`, or else of the slowest wheel, which is that
+    with the fewest messages so far.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, at: int | None = None) -> None:
+        self._at = at
         self._rows: list[tuple[int, Floats]] = []
         self._counts = np.zeros(0)  # messages of each wheel; empty before the first
-        self._slowest = 0
+        self._slowest = at or 0
         self._newest = -1  # stamp of the last row [ns]
         self._together = False  # True once a message has had all wheels
 
@@ -38,7 +40,10 @@ class ApartWheels:
         kept = [row for row in self._rows if stamp - row[0] <= LONGEST]
         self._rows = sorted([*kept, (stamp, values)], key=lambda row: row[0])
         self._counts = known + (self._counts if len(self._counts) else 0.0)
-        if self._counts.min() < CLEARLY_SLOWER * self._counts[self._slowest] - 1.0:
+        if (
+            self._at is None
+            and self._counts.min() < CLEARLY_SLOWER * self._counts[self._slowest] - 1.0
+        ):
             self._slowest = int(self._counts.argmin())
         table = np.array([row for _, row in self._rows])
         if np.isnan(table).all(axis=0).any():

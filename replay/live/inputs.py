@@ -91,6 +91,7 @@ class LiveInputs:
     _waiting: list[_Arrived] = field(default_factory=list)
     _begun: int | None = None  # arrival of the first message [ns]
     _wheels: ApartWheels = field(default_factory=ApartWheels)
+    _forces: ApartWheels = field(default_factory=lambda: ApartWheels(at=0))
     _counter: tuple[int, Floats] | None = None  # newest positions of wheels, with their stamp [ns]
     _newest_transform: int = -1  # its stamp [ns]; -1 before the first
     _went_back: int | None = None  # time to which the clock of arrivals went back [ns]
@@ -339,9 +340,13 @@ class LiveInputs:
             case "tracks":
                 yield from self._tracks(stamp, rows, msgtype, mapped)
             case "imu":
-                x, y, z, a_x, a_y, a_z = map(float, row)
-                has_forces = not np.isnan([a_x, a_y, a_z]).all()
-                yield ImuSample(stamp, (x, y, z), (a_x, a_y, a_z) if has_forces else None)
+                complete = [(stamp, rows[0])]
+                if self.mapping.imu and self.mapping.imu.acceleration_topic:
+                    complete = self._forces.take(stamp, rows[0], None)
+                for row_stamp, values in complete:
+                    x, y, z, a_x, a_y, a_z = values.tolist()
+                    has_forces = not np.isnan([a_x, a_y, a_z]).all()
+                    yield ImuSample(row_stamp, (x, y, z), (a_x, a_y, a_z) if has_forces else None)
             case "fixes":
                 yield from self._fix(stamp, rows, msgtype, mapped)
             case _:

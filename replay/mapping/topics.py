@@ -64,16 +64,24 @@ class ImuTopic(ImuKeys, frozen=True):
 
     Attributes:
         topic: name; sensor_msgs/Imu, or any other type if `angular_velocity` names its fields.
+        acceleration_topic: topic of the accelerations (Imu), if they come apart, as from some cameras;
+            they are interpolated at the stamps of `topic`.
         time: clock of the stamps.
     """
 
     topic: str
+    acceleration_topic: str | None = None
     time: Clock = "auto"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.names:
             self.check_axes("fields")
+        if self.acceleration_topic and (self.names or self.acceleration_topic == self.topic):
+            raise ValueError(
+                "acceleration_topic is for two topics of type Imu: it must differ from topic, without "
+                "angular_velocity and linear_acceleration"
+            )
 
 
 class FixTopic(PoseKeys, frozen=True):

@@ -4,7 +4,7 @@ Rows are those of `message_rows`, one or many of one topic; nothing here depends
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from icreckon.replay.mapping.columns import (
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, ImuTopic, TrackTopic
 from icreckon.replay.mapping.track_units import COUNTER_UNITS, metres
 from icreckon.replay.reading.message_rows import imu_row
-from icreckon.replay.reading.stream import RowReader
+from icreckon.replay.reading.stream import Row, RowReader
 
 RADIANS = {"rad": 1.0, "deg": math.pi / 180.0}
 STANDARD_GRAVITY = 9.80665  # acceleration of a unit g [m/s²]
@@ -53,11 +53,17 @@ def imu_rows(spec: ImuTopic | ImuColumns, values: Floats) -> Floats:
     return np.column_stack([rates, forces])
 
 
-def imu_reader(spec: ImuTopic) -> RowReader:
-    """Reader of sensor_msgs/Imu in the units of the mapping."""
-    if spec.rate_unit == "rad/s" and spec.acceleration_unit == "m/s2":
+def imu_reader(spec: ImuTopic, only: slice = slice(0, 6)) -> RowReader:
+    """Reader of these columns of Imu in the units of the mapping, NaN for others."""
+    if spec.rate_unit == "rad/s" and spec.acceleration_unit == "m/s2" and only == slice(0, 6):
         return imu_row
-    return lambda message: tuple(imu_rows(spec, np.array([imu_row(message)]))[0].tolist())
+
+    def read(message: Any) -> Row:
+        row = np.full((1, 6), np.nan)
+        row[0, only] = imu_row(message)[only]
+        return tuple(imu_rows(spec, row)[0].tolist())
+
+    return read
 
 
 def pose_rows(spec: FixTopic | PoseColumns, rows: Floats) -> Floats:

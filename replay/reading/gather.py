@@ -276,8 +276,13 @@ def wanted_streams(
         if imu.names:
             reader = field_reader(imu.names, partial(imu_rows, imu))
             yield stream("imu", imu.topic, imu.time, {}, reader)
-        else:
+        elif imu.acceleration_topic is None:
             yield stream("imu", imu.topic, imu.time, {IMU: imu_reader(imu)})
+        else:
+            both = stream("imu", imu.topic, imu.time, {IMU: imu_reader(imu, slice(0, 3))})
+            of_forces = {IMU: imu_reader(imu, slice(3, 6))}
+            both.right = stream("imu", imu.acceleration_topic, imu.time, of_forces)
+            yield both
     if fixes := mapping.fixes:
         yield pose_stream("fixes", fixes)
     if heading := mapping.heading:

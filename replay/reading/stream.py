@@ -103,7 +103,8 @@ class Stream:
     from_table: bool = False  # whether the rows come from a table
     lost: dict[str, int] = field(default_factory=dict)  # numbers of unusable messages, by reason
     notes: list[str] = field(default_factory=list)  # findings about the stream, for the user
-    # stream of the right side, of track speeds on two topics: rows have NaN for the other side
+    # stream of the right side, of track speeds on two topics, or of an IMU's accelerations: rows have NaN
+    # for what the other topic has
     right: Stream | None = None
     # columns of a table that other tables have, each with rows of its own: NaN here
     missing: set[str] = field(default_factory=set)

@@ -137,7 +137,7 @@ class Table:
         return len(self.present(names)) == len(set(names))
 
     def present(self, names: Sequence[str]) -> set[str]:
-        """Names of these that are columns of the table, also as "FILE.column" without its ending."""
+        """Names that are columns of the table, also as "FILE.column"."""
         own_names = {column.name for column in self.columns}
         return {name for name in names if self._bare(name) in own_names}
 
@@ -147,7 +147,7 @@ class Table:
         return name if has_it else name.removeprefix(f"{self.path.stem}.")
 
     def numbers(self, names: Sequence[str]) -> Floats:
-        """Columns as numbers (n, k); NaN for an empty cell, and for a column of another table.
+        """Columns as numbers (n, k); NaN for an empty cell, or without the column.
 
         Raises:
             ReplayError: a column holds something else.
@@ -259,7 +259,7 @@ def _strays(column: Any) -> _Strays | None:
 
 
 def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
-    """Read the streams whose columns are in a table; some columns are enough for a part of one.
+    """Read the streams that have columns in a table, which may be some of them.
 
     Raises:
         ReplayError: a column holds no numbers, or no times.
@@ -315,7 +315,7 @@ def _coarse(column: str, stamps: Stamps) -> str | None:
 
 
 def are_parts(paths: Sequence[Path], columns: ColumnMap | None) -> bool:
-    """Return True for bags and tables that have not the same columns of the track speeds."""
+    """Return True if bags and tables have unlike columns of the track speeds."""
     if columns is None:
         return False
     names = columns.tracks.names if columns.tracks else ()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bag_messages import SECOND, imu, joints, robot_with, write_bag
-from icreckon import Log, Robot, Vehicle, inspect, read_log
+from icreckon import Log, Robot, read_log
 from icreckon.replay.live.inputs import LiveInputs
 from icreckon.replay.mapping.topics import topic_map
 
@@ -102,41 +102,3 @@ def test_live_messages_have_the_wheels_always() -> None:
     assert tracks[0].left == pytest.approx(1.05)
     assert tracks[0].left_wheels == pytest.approx((1.0, 1.1))
     assert tracks[0].right_wheels == pytest.approx((1.0, 1.0))
-
-
-def test_tables_of_one_sensor_each_are_one_log(tmp_path: Path) -> None:
-    """As of a phone: gyros and accelerometers with the same bare names, at stamps of their own."""
-    seconds = np.arange(0.0, 20.0, 0.01)
-    curves = np.column_stack([np.sin(seconds), np.cos(seconds), 0.3 * np.sin(0.5 * seconds)])
-    late = seconds + 0.003
-    forces = np.column_stack([np.sin(late), np.cos(late), 9.81 + 0.0 * late])
-
-    def write(name: str, names: str, times: np.ndarray, values: np.ndarray) -> Path:
-        rows = np.column_stack([times, values])
-        np.savetxt(tmp_path / name, rows, "%.9f", ",", header=f"time,{names}", comments="")
-        return tmp_path / name
-
-    paths = [
-        write("Gyroscope.csv", "x,y,z", seconds, curves),
-        write("TotalAcceleration.csv", "x,y,z", late, forces),
-        write("left.csv", "left_speed", seconds[::2], 0.5 + 0.1 * curves[::2, :1]),
-        write("right.csv", "right_speed", seconds[1::2], 0.5 - 0.1 * curves[1::2, :1]),
-    ]
-    columns = {
-        "time": "time",
-        "tracks": {"left": ["left_speed"], "right": ["right_speed"]},
-        "imu": {
-            "angular_velocity": [f"Gyroscope.{axis}" for axis in "xyz"],
-            "linear_acceleration": [f"TotalAcceleration.{axis}" for axis in "xyz"],
-        },
-    }
-    found = read_log(paths, Robot("test", Vehicle(1.0, 0.8, 0.5), log={"columns": columns}))
-    assert not found.notes
-    at = found.imu.stamps * 1e-9
-    np.testing.assert_allclose(found.imu.angular_velocity[:, 1], np.cos(at), atol=1e-6)
-    np.testing.assert_allclose(found.imu.linear_acceleration[:, 0], np.sin(at), atol=2e-5)
-    at = found.tracks.stamps * 1e-9
-    expected = np.column_stack([0.5 + 0.1 * np.sin(at), 0.5 - 0.1 * np.sin(at)])
-    np.testing.assert_allclose(found.tracks.speeds, expected, atol=1e-4)
-    proposed = inspect(paths).proposed_robot_file
-    assert 'linear_acceleration = ["TotalAcceleration.x", ' in proposed

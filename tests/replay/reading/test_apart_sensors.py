@@ -1,0 +1,82 @@
+"""Sensors that come apart: rates and accelerations, or both sides, in tables or topics of their own."""
+
+from pathlib import Path
+
+import numpy as np
+
+from bag_messages import SECOND, imu, joints, robot_with, write_bag
+from icreckon import ImuSample, Robot, Vehicle, inspect, read_log
+from icreckon.replay.live.inputs import LiveInputs
+from icreckon.replay.mapping.topics import topic_map
+
+
+def test_tables_of_one_sensor_each_are_one_log(tmp_path: Path) -> None:
+    """As of a phone: gyros and accelerometers with the same bare names, at stamps of their own."""
+    seconds = np.arange(0.0, 20.0, 0.01)
+    curves = np.column_stack([np.sin(seconds), np.cos(seconds), 0.3 * np.sin(0.5 * seconds)])
+    late = seconds + 0.003
+    forces = np.column_stack([np.sin(late), np.cos(late), 9.81 + 0.0 * late])
+
+    def write(name: str, names: str, times: np.ndarray, values: np.ndarray) -> Path:
+        rows = np.column_stack([times, values])
+        np.savetxt(tmp_path / name, rows, "%.9f", ",", header=f"time,{names}", comments="")
+        return tmp_path / name
+
+    paths = [
+        write("Gyroscope.csv", "x,y,z", seconds, curves),
+        write("TotalAcceleration.csv", "x,y,z", late, forces),
+        write("left.csv", "left_speed", seconds[::2], 0.5 + 0.1 * curves[::2, :1]),
+        write("right.csv", "right_speed", seconds[1::2], 0.5 - 0.1 * curves[1::2, :1]),
+    ]
+    columns = {
+        "time": "time",
+        "tracks": {"left": ["left_speed"], "right": ["right_speed"]},
+        "imu": {
+            "angular_velocity": [f"Gyroscope.{axis}" for axis in "xyz"],
+            "linear_acceleration": [f"TotalAcceleration.{axis}" for axis in "xyz"],
+        },
+    }
+    found = read_log(paths, Robot("test", Vehicle(1.0, 0.8, 0.5), log={"columns": columns}))
+    assert not found.notes
+    at = found.imu.stamps * 1e-9
+    np.testing.assert_allclose(found.imu.angular_velocity[:, 1], np.cos(at), atol=1e-6)
+    np.testing.assert_allclose(found.imu.linear_acceleration[:, 0], np.sin(at), atol=2e-5)
+    at = found.tracks.stamps * 1e-9
+    expected = np.column_stack([0.5 + 0.1 * np.sin(at), 0.5 - 0.1 * np.sin(at)])
+    np.testing.assert_allclose(found.tracks.speeds, expected, atol=1e-4)
+    proposed = inspect(paths).proposed_robot_file
+    assert 'linear_acceleration = ["TotalAcceleration.x", ' in proposed
+
+
+def test_gyros_and_accelerometers_on_two_topics_are_one_imu(tmp_path: Path) -> None:
+    """As of a camera; live samples are those of a replay."""
+    messages = []
+    for k in range(400):
+        stamp = SECOND + k * SECOND // 200
+        time = stamp / SECOND
+        messages.append(("/gyro", imu(stamp, (0.0, 0.1, np.sin(time)), (0.0, 0.0, 0.0))))
+        if k % 3 == 0:
+            at = stamp + SECOND // 500
+            force = (np.sin(at / SECOND), 0.2, 9.8)
+            messages.append(("/accel", imu(at, (0.0, 0.0, 0.0), force)))
+        if k % 4 == 0:
+            messages.append(("/js", joints(stamp, (1.0, 2.0))))
+    bag = write_bag(tmp_path / "bag", messages)
+    proposed = inspect(bag).proposed_robot_file
+    assert 'topic = "/gyro"\nacceleration_topic = "/accel"' in proposed
+    mapped = {"topic": "/gyro", "acceleration_topic": "/accel"}
+    robot = robot_with(tracks={"topic": "/js", "left": ["l"], "right": ["r"]}, imu=mapped)
+    found = read_log(bag, robot).imu
+    at = found.stamps / SECOND
+    np.testing.assert_allclose(found.angular_velocity[:, 2], np.sin(at), atol=1e-9)
+    np.testing.assert_allclose(found.linear_acceleration[:, 0], np.sin(at), atol=1e-4)
+
+    inputs, live = LiveInputs(robot, topic_map(robot)), []
+    topics = {one.topic: one for one in inputs.subscriptions()}
+    for topic, message in messages:
+        stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec
+        live += inputs.take(topics[topic], message.__msgtype__, message, stamp)
+    samples = [one for one in live if isinstance(one, ImuSample)]
+    assert [one.stamp for one in samples] == found.stamps.tolist()
+    forces = [one.linear_acceleration for one in samples]
+    np.testing.assert_allclose(forces, found.linear_acceleration, atol=1e-12)
