@@ -57,7 +57,7 @@ class Gathered:
             known = self.streams.get(purpose)
             if known is None or (known.missing and not stream.missing):
                 self.streams[purpose] = stream
-            elif known.missing or not stream.missing:
+            elif known.missing or known.joins or not stream.missing:
                 known.extend(stream)
 
 

@@ -108,11 +108,11 @@ class Stream:
     right: Stream | None = None
     # columns of a table that other tables have, each with rows of its own: NaN here
     missing: set[str] = field(default_factory=set)
+    joins: list[int] = field(default_factory=list)  # last rows of such tables
     _decode: dict[Channel, Callable[[bytes], Any]] = field(default_factory=dict)
     _rows: Rows = field(default_factory=Rows)
     _headless: int = 0
     _parts: list[Span] = field(default_factory=list)
-    _joins: list[int] = field(default_factory=list)  # last rows of tables with other columns
 
     def _spans(self) -> list[Span]:
         """Start and end of the stream in each file."""
@@ -173,7 +173,7 @@ class Stream:
             for span, other_span in product(self._spans(), other._spans()):
                 _check_parts_of_one_log(self.purpose, span, other_span)
         else:
-            self._joins.append(len(self._rows.recorded) - 1)
+            self.joins.append(len(self._rows.recorded) - 1)
         self.missing &= other.missing
         self._parts = [*self._spans(), *other._spans()]
         self.msgtype = self.msgtype or other.msgtype
@@ -214,7 +214,7 @@ class Stream:
         rows = np.array(gathered.values, dtype=float)
         order = np.argsort(recorded, kind="stable")
         apart = np.diff(recorded)
-        apart[self._joins] = 0
+        apart[self.joins] = 0
         if self.from_table and (back := int((apart < 0).sum())):
             row = int(apart.argmin())
             seconds = -int(apart[row]) * NANOSECOND

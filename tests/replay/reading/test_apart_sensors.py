@@ -48,6 +48,18 @@ def test_tables_of_one_sensor_each_are_one_log(tmp_path: Path) -> None:
     assert 'linear_acceleration = ["TotalAcceleration.x", ' in proposed
 
 
+def test_parts_of_a_recording_may_have_tables_of_one_sensor_each(tmp_path: Path) -> None:
+    paths = []
+    for part, side in ((0, "left"), (0, "right"), (100, "left"), (100, "right")):
+        rows = "".join(f"{part + k},{k}\n" for k in range(10))
+        paths.append(tmp_path / f"{side}_{part}.csv")
+        paths[-1].write_text(f"time,{side}\n{rows}")
+    tracks = {"left": ["left"], "right": ["right"]}
+    robot = robot_with(columns={"time": "time", "tracks": tracks})
+    found = read_log(paths, robot).tracks
+    assert found.stamps[[0, -1]].tolist() == [0, 109 * SECOND]
+
+
 def test_gyros_and_accelerometers_on_two_topics_are_one_imu(tmp_path: Path) -> None:
     """As of a camera; live samples are those of a replay."""
     messages = []
