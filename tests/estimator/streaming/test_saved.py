@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from conftest import thorough
-from fed_estimators import short_log
+from fed_estimators import feed_all, known_with_health, result_of, short_log
 from icreckon import VARIANTS, Adaptation, EstimatorError, Latencies, PoseEstimator, load_robot
 from icreckon.estimator.base import state as s
 from icreckon.estimator.log.measurements import (
@@ -23,23 +23,12 @@ from icreckon.estimator.log.measurements import (
     ZeroVelocity,
 )
 from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings, StandstillSettings
-from icreckon.estimator.streaming.save import VERSION
+from icreckon.estimator.streaming.save import VERSION, _checksum
 
 ALPHA = load_robot("auriga-alpha")
 STEP = 10_000_000
 MEASUREMENTS = list(short_log(duration=8.0, seed=12, truth="kinematic").measurements())
 HALF = len(MEASUREMENTS) * 2 // 3
-
-
-def feed_all(estimator, measurements):
-    for measurement in measurements:
-        estimator.feed(measurement)
-    return estimator
-
-
-def known(estimator):
-    arrays = (estimator.state, estimator.covariance, estimator.twist)
-    return estimator.stamp, estimator.stands, estimator.health, *(a.tobytes() for a in arrays)
 
 
 def through_a_file(estimator, folder):
@@ -73,11 +62,11 @@ def saved(half_way, tmp_path):
 def test_a_copy_goes_on_as_if_nothing_had_been(variant, way, tmp_path):
     original = feed_all(PoseEstimator(ALPHA, variant), MEASUREMENTS[:HALF])
     copied = COPIES[way](original, tmp_path)
-    assert known(copied) == known(original)
+    assert known_with_health(copied) == known_with_health(original)
     assert len(pickle.dumps(original)) < 2_000_000, "it carries a table"
     for m in MEASUREMENTS[HALF:]:
         assert original.feed(m) is copied.feed(m)
-    assert known(copied) == known(original)
+    assert known_with_health(copied) == known_with_health(original)
 
 
 def test_everything_that_was_set_is_there_again(tmp_path):
@@ -111,8 +100,6 @@ def test_the_file_can_be_read_by_people(half_way, saved):
 
 def rewrite(path, change):
     """Change the content of a saved file and sign it anew, as another version of icreckon might."""
-    from icreckon.estimator.streaming.save import _checksum
-
     document = json.loads(path.read_text())
     change(document["content"])
     document["checksum"] = _checksum(document["content"])
@@ -289,18 +276,11 @@ def random_drive(rng, count):
     return [act for _, act in arriving]
 
 
-def done(estimator, act):
-    try:
-        return act(estimator)
-    except EstimatorError as problem:
-        return str(problem)
-
-
 def all_known(estimator):
     marks = [estimator.relative_motion(mark) for mark in estimator.marks]
     # Their last digit depends on where in memory the numbers are.
     of_marks = [(one.pose.round(12).tolist(), one.covariance.round(12).tolist()) for one in marks]
-    return known(estimator), estimator.marks, of_marks, estimator.latencies
+    return known_with_health(estimator), of_marks, estimator.latencies
 
 
 @pytest.mark.parametrize("seed", [0, 1, *map(thorough, range(2, 6))])
@@ -320,9 +300,9 @@ def test_a_random_drive_goes_on_alike_wherever_it_was_saved(seed, tmp_path):
     for k, act in enumerate(acts):
         if k in saves:
             copies.append(through_a_file(original, tmp_path))
-        expected = done(original, act)
+        expected = result_of(act, original)
         for copied in copies:
-            assert done(copied, act) == expected
+            assert result_of(act, copied) == expected
         if k % 25 == 0 or k in saves:
             assert all(all_known(copied) == all_known(original) for copied in copies)
     assert all(all_known(copied) == all_known(original) for copied in copies)
@@ -340,7 +320,7 @@ def test_a_clock_that_is_being_set_back_is_set_back_after_a_copy(half_way, tmp_p
         for m in after(k):
             assert copied.feed(m) is half_way.feed(m)
     assert half_way.health.clock_steps == 1
-    assert known(copied) == known(half_way)
+    assert known_with_health(copied) == known_with_health(half_way)
 
 
 def test_other_files_are_refused(tmp_path):
@@ -357,19 +337,17 @@ def test_other_files_are_refused(tmp_path):
 
 def test_another_version_of_the_format_is_refused(saved):
     document = json.loads(saved.read_text())
-    for version in (1, 5, 6, 99):
-        document["version"] = version
-        saved.write_text(json.dumps(document))
-        message = rf"version {version} .* is not known; this icreckon reads {VERSION}"
-        with pytest.raises(EstimatorError, match=message):
-            PoseEstimator.restore(saved, ALPHA)
+    saved.write_text(json.dumps(document | {"version": 1}))
+    with pytest.raises(EstimatorError, match=f"version 1 .* this icreckon reads {VERSION}"):
+        PoseEstimator.restore(saved, ALPHA)
+
+
+LOADS = PoseEstimator.restore, lambda *args: PoseEstimator.warm_start(*args, off=0.0)
 
 
 def test_another_variant_is_refused(saved):
-    for load in (PoseEstimator.restore, lambda *args: PoseEstimator.warm_start(*args, off=0.0)):
-        with pytest.raises(
-            EstimatorError, match="by the variant 'inertia-online', not 'inertia-fi"
-        ):
+    for load in LOADS:
+        with pytest.raises(EstimatorError, match="'inertia-online', not 'inertia-fixed'"):
             load(saved, ALPHA, "inertia-fixed")
 
 
@@ -394,7 +372,7 @@ def test_windows_of_long_ago_are_not_stepped_through(saved):
 def test_another_robot_is_refused_and_the_message_says_what_differs(saved):
     other = changed("vehicle", mass=300.0)
     renamed = msgspec.structs.replace(other, name="beta")
-    for load in (PoseEstimator.restore, lambda *args: PoseEstimator.warm_start(*args, off=0.0)):
+    for load in LOADS:
         with pytest.raises(EstimatorError, match=r"vehicle\.mass = 258\.0, here it is 300\.0"):
             load(saved, other)
         with pytest.raises(EstimatorError, match=r"name = '.*', here it is 'beta'"):
@@ -478,12 +456,6 @@ def test_after_a_warm_start_the_clock_may_be_another(saved):
     assert warm.stamp == 5 * STEP
     assert warm.biases["gyro_bias"] == pytest.approx(bias, abs=1e-3)
     assert warm.feed(PositionFix(6 * STEP, 0.0, 0.0, 0.01)) is True
-
-
-def test_a_warm_start_may_have_other_settings(saved):
-    settings = Settings(history=0.5, use_accelerometer=False)
-    assert PoseEstimator.warm_start(saved, ALPHA, off=0.0, settings=settings).settings == settings
-    assert PoseEstimator.warm_start(saved, ALPHA, off=0.0).settings == Settings()
 
 
 @pytest.mark.parametrize("off", [-1.0, float("nan"), float("inf")])
