@@ -60,7 +60,7 @@ def test_runs_by_arrays_are_those_one_by_one(name: str) -> None:
 ARRAYS = [
     "all everyday variants", "track speeds that are seldom told", "a track that is stuck",
     "a gyro that jumps", "an IMU without accelerometers", "states that are considered",
-    "a track that spins", "a gyro that is clipped", "no IMU for seconds",
+    "a track that spins", "a slide", "a gyro that is clipped", "no IMU for seconds",
     "no track speeds for seconds", "an IMU slower than the tracks", "forces that are missing",
 ]  # fmt: skip
 
