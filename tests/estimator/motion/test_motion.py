@@ -138,11 +138,3 @@ def test_backward_motion_is_the_forward_one_reversed_but_for_the_sign_of_the_sli
     assert backward.indices.zeta - zeta0 == pytest.approx(
         -(forward.indices.zeta - zeta0), abs=1e-15
     )
-
-
-def test_eta_never_falls_below_one():
-    parameters = PUBLISHED.copy()
-    parameters[5:8] = 1.0, 0.0019, 0.0
-    motion = solve(V_L, V_R, parameters, VEHICLE)
-    assert motion.indices.eta.min() == 1.0
-    assert (motion.indices.eta > 1.0).any()
