@@ -5,11 +5,9 @@ import pytest
 
 import faulty_drives
 from faulty_drives import BEGINS, with_free_track, with_free_wheel, with_rates, with_tracks
-from icreckon.estimator.filter.fault_table import FAULT_COLUMNS, Finding
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run, work_through
+from icreckon import Finding, Log, PoseEstimator, Robot, run
+from icreckon.estimator.filter.fault_table import FAULT_COLUMNS
+from icreckon.estimator.streaming.run import work_through
 from same_runs import without
 
 DURATION = 36.0

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from icreckon import PoseEstimator, load_robot
+from icreckon import BodyVelocity, ImuSample, PoseEstimator, PositionFix, TrackSpeeds, load_robot
 from icreckon.estimator.base import state as s
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, LONGEST_COUNTED, Gate
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
-from icreckon.estimator.log.measurements import BodyVelocity, ImuSample, PositionFix, TrackSpeeds
 
 ALPHA = load_robot("auriga-alpha")
 STEP = 10_000_000

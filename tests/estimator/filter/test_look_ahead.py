@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 
-from icreckon import BodyVelocity, ImuSample, PositionFix, TrackSpeeds
+from icreckon import BodyVelocity, ImuSample, PoseEstimator, PositionFix, TrackSpeeds, load_robot
 from icreckon.estimator.base import state as s
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.reference.ekf import IcrEkf
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.sensors.measurement_models import MODELS
 from icreckon.estimator.sensors.predictions import pose_ahead, pose_now, twist_ahead
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_000_000_000

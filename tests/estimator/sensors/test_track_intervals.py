@@ -4,12 +4,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from icreckon import Imu, PoseEstimator, Settings, load_robot
+from icreckon import Imu, ImuSample, PoseEstimator, Settings, TrackSpeeds, load_robot
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.engine.lane_functions import ends_step
 from icreckon.estimator.filter.filter_record import FilterRecord, take_track_speeds
-from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.step_inputs import step_inputs
 

@@ -14,7 +14,7 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import arc_factors, relative, wrap_angle
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP
-from icreckon.estimator.robot.robot_file import Indices, Slip, Slope, load_robot
+from icreckon.estimator.robot.robot_file import Slip, load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
 from icreckon.estimator.robot.variants import (
     VARIANTS,
@@ -22,7 +22,6 @@ from icreckon.estimator.robot.variants import (
     initial_parameters,
     motion_model,
 )
-from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -39,7 +38,7 @@ def seconds(value):
     return round(value * 1e9)
 
 
-def drive(estimator, start, duration, left, right, *, bias=0.0, noise=None, imu=True):
+def drive(estimator, start, duration, left, right, *, imu=True):
     """Feed driving at constant track speeds with sensors that agree with the robot file.
 
     Returns the last stamp. The forces build up from nothing, as they do in a filter that begins there.
@@ -47,7 +46,6 @@ def drive(estimator, start, duration, left, right, *, bias=0.0, noise=None, imu=
     variant = find_variant("inertia-fixed")
     model = motion_model(estimator.robot, variant)
     parameters = initial_parameters(estimator.robot, variant)
-    density = estimator.robot.imu.gyro_noise_density
     stamp = start
     for k in range(round(duration * 100) + 1):
         stamp = start + k * STEP
@@ -58,10 +56,7 @@ def drive(estimator, start, duration, left, right, *, bias=0.0, noise=None, imu=
         rightward, v_x, w = model.linearise(left, right, parameters, NO_SLIP, LEVEL)[0].twist
         v_y = -rightward
         if imu:
-            error = 0.0 if noise is None else density * 10.0 * noise.normal()
-            estimator.feed(
-                ImuSample(stamp, (0.0, 0.0, w + bias + error), (-w * v_y, w * v_x, GRAVITY))
-            )
+            estimator.feed(ImuSample(stamp, (0.0, 0.0, w), (-w * v_y, w * v_x, GRAVITY)))
     return stamp
 
 
@@ -126,54 +121,6 @@ def test_at_the_icr_a_track_does_not_slip():
         assert v_y + w * x == pytest.approx(0.0, abs=1e-9)
 
 
-def test_uncertainty_does_not_grow_at_a_standstill():
-    estimator, stamp = driven()
-    stamp = drive(estimator, stamp + STEP, 5.0, 0.0, 0.0)
-    before = np.sqrt(np.diagonal(estimator.pose_covariance))
-    drive(estimator, stamp + STEP, 60.0, 0.0, 0.0)
-    grown = np.sqrt(np.diagonal(estimator.pose_covariance)) - before
-    assert (grown < [1e-3, 1e-3, 1e-3]).all()
-
-
-def test_gyro_bias_shows_in_the_heading_of_straight_driving_with_fixes():
-    rng = np.random.default_rng(0)
-    estimator = PoseEstimator(ALPHA)
-    bias, stamp = 0.015, EPOCH
-    for k in range(120):
-        stamp = drive(estimator, stamp + STEP, 1.0, 0.5, 0.5, bias=bias, noise=rng)
-        x = 0.5 * (estimator.stamp - EPOCH - STEP) * 1e-9
-        dx, dy = 0.05 * rng.normal(size=2)
-        assert estimator.feed(PositionFix(estimator.stamp, x + dx, dy, 0.05**2)) or k < 3
-    sigma = math.sqrt(estimator.covariance[s.GYRO_BIAS, s.GYRO_BIAS])
-    assert sigma < 2e-3
-    assert abs(estimator.biases["gyro_bias"] - bias) < 3.0 * sigma
-
-
-@pytest.mark.parametrize("position", [(0.0, 0.0, 0.0), (0.5, 0.4, 0.2), (-0.3, -0.6, 0.0)])
-def test_accelerometer_is_expected_to_read_what_it_reads_at_its_place(position):
-    # ICRs far ahead of the origin, so that v_y and its change count.
-    robot = msgspec.structs.replace(
-        ALPHA,
-        indices=Indices(zeta0=0.3, eta0=1.5, eta2=1e-30, epsilon_F=0.0),
-        imu=msgspec.structs.replace(ALPHA.imu, position=position),
-        slope=Slope(sigma=0.0, walk=0.0),
-    )
-    perfect = Scenario(
-        duration=20.0,
-        trajectory="slalom",
-        truth="kinematic",
-        truth_spread=0.0,
-        noise="perfect",
-        fix_rate=0.0,
-    )
-    estimator = feed_all(PoseEstimator(robot, "inertia-fixed"), simulate(perfect, robot))
-    for axis, name in enumerate(ACCELEROMETERS):
-        # Without sensor noise, what is left is the slip of the simulation and the lateness of the tracks.
-        assert estimator.health.sensors[name].nis_per_degree < 0.5
-        assert abs(estimator.state[s.ACCELEROMETER_BIAS_X + axis]) < 2e-3, name
-    assert estimator.health.rejections() == {}
-
-
 # --- bad measurements -------------------------------------------------------------------------------
 
 NAN, INF = math.nan, math.inf
@@ -230,21 +177,6 @@ def test_robot_that_was_turned_by_hand_is_found_again():
         used.append(estimator.feed(HeadingFix(stamp, yaw, 1e-4)))
     assert used == [False] * 6 + [True] * 2
     assert wrap_angle(estimator.pose[2] - yaw) == pytest.approx(0.0, abs=0.01)
-
-
-def test_accelerometer_with_an_unexpected_bias_is_taken_in_at_last():
-    # Tilted by 17 degrees: thirty times the standard deviation of the robot file.
-    estimator = PoseEstimator(ALPHA)
-    for k in range(2000):
-        stamp = EPOCH + k * STEP
-        if k % 2 == 0:
-            estimator.feed(TrackSpeeds(stamp, 0.5, 0.5))
-        estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 3.0, 9.3)))
-    assert estimator.health.sensors["accelerometer_y"].used > 1500
-    # Straight ahead, a bias is the same as a slope.
-    found = estimator.biases["accelerometer_bias_y"] - estimator.state[s.GRAVITY_Y]
-    assert found == pytest.approx(3.0, abs=0.1)
-    assert estimator.pose[2] == pytest.approx(0.0, abs=0.02)
 
 
 # --- gaps -------------------------------------------------------------------------------------------

@@ -24,16 +24,6 @@ def result(log):
     return run(log, ALPHA, "inertia-online", start=(1.0, 2.0, 0.5), start_sigma=(0.1, 0.1, 0.05))
 
 
-def test_there_is_a_row_for_each_pair_of_track_speeds(log, result):
-    n = len(log.tracks.stamps)
-    # The first of them may wait for the IMU, or not.
-    assert n - 1 <= len(result.stamps) <= n
-    assert (np.diff(result.stamps) > 0).all()
-    # Each row is the estimate at track speeds, or at the IMU sample next to them.
-    nearest = np.abs(result.stamps[:, None] - log.tracks.stamps[None, :]).min(axis=1)
-    assert nearest.max() <= 10_000_000
-
-
 def test_a_rejected_fix_shows_as_far_off(log):
     poses = log.fixes.poses.copy()
     poses[5, :2] += 50.0
@@ -56,6 +46,8 @@ def test_run_is_feeding_by_hand(log, variant):
         expected[estimator.stamp] = (snapshot.state, snapshot.twist, snapshot.indices)
     assert found.variant == variant
     assert found.stamps[-1] == estimator.stamp
+    # A row for each pair of track speeds; the first of them may wait for the IMU.
+    assert len(log.tracks.stamps) - len(found.stamps) in (0, 1)
     for row, stamp in enumerate(found.stamps.tolist()):
         state, twist, indices = expected[stamp]
         assert (found.states[row] == state).all()
