@@ -200,13 +200,6 @@ def test_a_small_robot_that_turns_about_at_once_is_no_fault(sharing: bool) -> No
     assert gyro.times == 0
 
 
-def test_an_impossible_step_that_no_track_shares_is_a_jump() -> None:
-    true = np.where(np.arange(3000) < 1500, 0.0, 1.6) + 0.003 * noise_of(5, 3000)
-    used, gyro = watched(true, np.zeros(3000), step=2 * STEP, acceleration=60.0)
-    assert np.isnan(used[1500:]).all()
-    assert (gyro.times, gyro.jumped) == (1, 1500)
-
-
 def test_a_frozen_encoder_does_not_exclude_the_gyro(robot: Robot, healthy: Log) -> None:
     """The left track reads one speed for the rest of the drive; the yaw is that of the gyro."""
     speeds = healthy.tracks.speeds.copy()

@@ -109,32 +109,3 @@ def test_without_inertial_terms_it_is_the_constant_icr_model(form):
     expected = direct(V_L, V_R, IndexValues(constant.zeta0, constant.epsilon0, constant.eta0), 0.42)
     for part, wanted in zip(found, expected, strict=True):
         assert part == pytest.approx(wanted, abs=1e-15)
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_mirrored_vehicle_makes_the_mirrored_motion(form):
-    V_l, V_r, parameters = perturbed(2000, 6)
-    # epsilon and what is odd in the turn change their sign; H, the ratio of the tracks, inverts.
-    mirrored = parameters * np.array([1, 1, 1, -1, 1, 1, -1, 1])[:, None]
-    mirrored[0] = 1.0 / parameters[0]
-    motion = solve(V_l, V_r, parameters, VEHICLE, form=form)
-    mirror = solve(V_r, V_l, mirrored, VEHICLE._replace(x_CM=-VEHICLE.x_CM), form=form)
-    assert mirror.twist.v_y == pytest.approx(motion.twist.v_y, abs=1e-15)
-    assert mirror.twist.v_x == pytest.approx(-motion.twist.v_x, abs=1e-15)
-    assert mirror.twist.w == pytest.approx(-motion.twist.w, abs=1e-15)
-    assert np.abs(mirror.indices.epsilon + motion.indices.epsilon).max() < 1e-15
-    assert np.abs(mirror.indices.zeta - motion.indices.zeta).max() < 1e-15
-
-
-def test_backward_motion_is_the_forward_one_reversed_but_for_the_sign_of_the_sliding():
-    V_l, V_r, parameters = perturbed(2000, 7)
-    forward = solve(V_l, V_r, parameters, VEHICLE)
-    backward = solve(-V_l, -V_r, parameters, VEHICLE)
-    assert backward.u == pytest.approx(forward.u, abs=1e-12)
-    assert backward.twist.w == pytest.approx(-forward.twist.w, abs=1e-15)
-    assert backward.twist.v_y == pytest.approx(-forward.twist.v_y, abs=1e-15)
-    # zeta departs from zeta0 by zeta1 |F| sign(x_2), and x_2 changes its sign.
-    zeta0 = parameters[1]
-    assert backward.indices.zeta - zeta0 == pytest.approx(
-        -(forward.indices.zeta - zeta0), abs=1e-15
-    )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from conftest import sample_log
-from fed_estimators import feed_all
+from fed_estimators import feed_all, known
 from icreckon import FixSpec, Latencies, Log, PoseEstimator, Scenario, read_log, simulate
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
@@ -78,11 +78,18 @@ def test_the_latencies_are_those_of_the_robot_file(robot: Robot) -> None:
         PoseEstimator(robot, VARIANT, latencies=0.2)  # type: ignore[arg-type]
 
 
-def test_an_unknown_latency_is_found_and_taken_off(log: Log, robot: Robot, own: float) -> None:
+def test_an_unknown_latency_is_found_and_taken_off(log, robot, own, tmp_path) -> None:
     """After a minute (8 rad of turning) it is known to 0.02 s, and later stamps are right."""
     estimator = PoseEstimator(robot, VARIANT, latencies=Latencies(estimate_tracks=True))
     assert estimator.health.track_latency.estimated is None
-    feed_all(estimator, raw(log, Latencies(tracks=0.2)))
+    measurements = raw(log, Latencies(tracks=0.2))
+    feed_all(estimator, measurements[:-2000])
+    # One that was saved goes on with what it has found.
+    estimator.save(tmp_path / "saved.json")
+    restored = PoseEstimator.restore(tmp_path / "saved.json", robot)
+    feed_all(estimator, measurements[-2000:])
+    assert known(feed_all(restored, measurements[-2000:])) == known(estimator)
+    assert restored.health.track_latency == estimator.health.track_latency
     found = estimator.health.track_latency
     assert found.estimated == pytest.approx(0.2 + own, abs=0.01)
     assert found.sigma < 0.02

@@ -6,23 +6,13 @@ import pickle
 import re
 
 import msgspec
-import numpy as np
 import pytest
 
-from conftest import thorough
-from fed_estimators import feed_all, known_with_health, result_of, short_log
-from icreckon import VARIANTS, Adaptation, EstimatorError, Latencies, PoseEstimator, load_robot
+from fed_estimators import feed_all, known_with_health, short_log
+from icreckon import VARIANTS, Adaptation, EstimatorError, PoseEstimator, load_robot
 from icreckon.estimator.base import state as s
-from icreckon.estimator.log.measurements import (
-    BodyVelocity,
-    HeadingFix,
-    ImuSample,
-    PoseFix,
-    PositionFix,
-    TrackSpeeds,
-    ZeroVelocity,
-)
-from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings, StandstillSettings
+from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
+from icreckon.estimator.robot.settings import Settings, StandstillSettings
 from icreckon.estimator.streaming.save import VERSION, _checksum
 
 ALPHA = load_robot("auriga-alpha")
@@ -236,90 +226,20 @@ def test_a_warm_start_refuses_nonsense_too(saved):
 # --- exact continuation of what is under way ---------------------------------------------------------
 
 
-def random_drive(rng, count):
-    """Measurements as they arrive: late, of clocks that jump, with gaps; marks and what drops them."""
-    offset, time, arriving = 0, MEASUREMENTS[0].stamp, []
-    steps = [0.2, 2.0, 30.0]
-    while len(arriving) < count:
-        time += STEP * 2 if rng.random() > 0.01 else round(1e9 * rng.choice(steps))
-        if rng.random() < 0.01:
-            offset += round(rng.choice([-1e15, -3e9, 3e9, 1e12]))
-        stamp, at = time + offset, len(arriving)
-        left, right = rng.normal(0.5, 0.2, 2) if at % 200 < 120 else (0.0, 0.0)
-        force = tuple(rng.normal([0.0, 0.0, 9.81], 0.1)) if rng.random() < 0.9 else None
-        fresh = [
-            TrackSpeeds(stamp, float(left), float(right)),
-            ImuSample(stamp + 3, (0.0, 0.0, float(0.5 * (right - left))), force),
-        ]
-        if rng.random() < 0.2:
-            where, sure = rng.normal(0.0, 0.5, 3).tolist(), float(rng.choice([1e-4, 1.0]))
-            fix = rng.integers(0, 5)
-            later = stamp + int(rng.integers(4, STEP))
-            fresh += [
-                [PositionFix(later, where[0], where[1], sure)],
-                [HeadingFix(later, where[2], sure)],
-                [BodyVelocity(later, *where[:2], sure)],
-                [PoseFix(later, *where, ((sure, 0.0, 0.0), (0.0, sure, 0.0), (0.0, 0.0, sure)))],
-                [ZeroVelocity(later)],
-            ][fix]
-        for m in fresh:
-            late = rng.choice([0.0, 0.3, 1.2]) if rng.random() < 0.05 else 0.0
-            arriving.append((time + round(1e9 * late), lambda e, m=m: e.feed(m)))
-        if rng.random() < 0.03:
-            back = round(1e9 * rng.uniform(0.0, 0.4))
-            arriving.append((time, lambda e, at=stamp - back: e.mark(at)))
-        if rng.random() < 0.03:
-            arriving.append((time, lambda e: e.forget(e.marks[0]) if e.marks else None))
-        if rng.random() < 0.005:
-            arriving.append((time, lambda e, at=stamp + 10**12: e.feed(HeadingFix(at, 0.0, 1.0))))
-    arriving.sort(key=lambda pair: pair[0])
-    return [act for _, act in arriving]
-
-
-def all_known(estimator):
-    marks = [estimator.relative_motion(mark) for mark in estimator.marks]
-    # Their last digit depends on where in memory the numbers are.
-    of_marks = [(one.pose.round(12).tolist(), one.covariance.round(12).tolist()) for one in marks]
-    return known_with_health(estimator), of_marks, estimator.latencies
-
-
-@pytest.mark.parametrize("seed", [0, 1, *map(thorough, range(2, 6))])
-def test_a_random_drive_goes_on_alike_wherever_it_was_saved(seed, tmp_path):
-    rng = np.random.default_rng(seed)
-    settings = Settings(
-        history=float(rng.choice([0.1, 1.0, 3.0])),
-        longest_gap=float(rng.choice([0.5, 5.0])),
-        gates=GateSettings(int(rng.choice([0, 3, 10]))),
-        wander=FixWander(1.0, 10.0) if seed % 2 else None,
-    )
-    latencies = Latencies(estimate_tracks=True) if seed % 2 else Latencies(tracks=0.05)
-    original = PoseEstimator(ALPHA, settings=settings, latencies=latencies, start_sigma=(0.1,) * 3)
-    acts = random_drive(rng, 500)
-    saves = set(rng.choice(len(acts), 5, replace=False).tolist())
-    copies = []
-    for k, act in enumerate(acts):
-        if k in saves:
-            copies.append(through_a_file(original, tmp_path))
-        expected = result_of(act, original)
-        for copied in copies:
-            assert result_of(act, copied) == expected
-        if k % 25 == 0 or k in saves:
-            assert all(all_known(copied) == all_known(original) for copied in copies)
-    assert all(all_known(copied) == all_known(original) for copied in copies)
-
-
-def test_a_clock_that_is_being_set_back_is_set_back_after_a_copy(half_way, tmp_path):
+@pytest.mark.parametrize("by", [-(10**13), 10**13])
+def test_a_clock_that_is_being_set_is_set_after_a_copy(by, half_way, tmp_path):
     def after(k):
-        stamp = MEASUREMENTS[0].stamp - 10**13 + k * STEP
+        stamp = before + by + k * STEP
         return [TrackSpeeds(stamp, 0.3, 0.3), ImuSample(stamp + 3, (0.0, 0.0, 0.0), None)]
 
+    before = half_way.stamp
     for k in range(5):
         assert [half_way.feed(m) for m in after(k)] == [False, False]
     copied = through_a_file(half_way, tmp_path)
     for k in range(5, 12):
         for m in after(k):
             assert copied.feed(m) is half_way.feed(m)
-    assert half_way.health.clock_steps == 1
+    assert by < half_way.stamp - before < by + 10**9
     assert known_with_health(copied) == known_with_health(half_way)
 
 

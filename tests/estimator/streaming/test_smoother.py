@@ -86,15 +86,6 @@ def test_all_rows_hold_together(both):
     assert steps[:, 2] == pytest.approx(after.trajectory.twists[1:, 2] * dt[:, 0], abs=1e-2)
 
 
-def test_the_end_is_the_filters_where_the_filter_has_kept_nothing(log):
-    tracks_and_fixes = Log(log.name, log.tracks, fixes=log.fixes)
-    before, after = smooth(tracks_and_fixes, ALPHA, "constant-fixed", **START)
-    assert after.states[-1] == pytest.approx(before.states[-1], abs=1e-12)
-    assert after.state_sigmas[-1] == pytest.approx(before.state_sigmas[-1], abs=1e-9)
-    # And is not on the way there.
-    assert np.abs(after.states - before.states)[:, s.Y].max() > 0.01
-
-
 # --- against the batch solution ------------------------------------------------------------------
 
 
