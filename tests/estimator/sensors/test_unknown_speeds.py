@@ -3,47 +3,30 @@
 import numpy as np
 import pytest
 
+from agreement_scenes import with_stuck_track
 from icreckon import Log, PoseEstimator, Scenario, Settings, load_robot, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.constants import REGRESSOR_SMOOTHING
 from icreckon.estimator.filter.process_noise import Disturbances
-from icreckon.estimator.log.measurements import Measurement, TrackSpeeds
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.reference.ekf import IcrEkf, ProcessNoise
 from icreckon.estimator.robot.variants import find_variant, slip_of
 from icreckon.estimator.sensors.held_tracks import SMOOTHING, TrackRecord, take_tracks
 from icreckon.estimator.sensors.input_settings import input_settings
+from same_runs import without
 
 SECOND = 1_000_000_000
 ROBOT = load_robot("auriga-alpha")
 FASTEST = ROBOT.vehicle.max_track_speed
-# Track speeds are unknown from here to the end [s].
-FROM, UNTIL = 8.0, 14.0
+FROM = 8.0
+"""When a driver stops sending track speeds [s]."""
 VARIANTS = ("constant-online", "inertia-online")
 
 
 @pytest.fixture(scope="module")
 def log() -> Log:
-    scenario = Scenario(duration=UNTIL, seed=3, trajectory="slalom", fix_rate=0.0)
+    scenario = Scenario(duration=14.0, seed=3, trajectory="slalom", fix_rate=0.0)
     return simulate(scenario, ROBOT)
-
-
-def stale(log: Log) -> list[Measurement]:
-    """Measurements of a driver that stops sending."""
-    since = log.start + round(FROM * SECOND)
-    return [m for m in log.measurements() if m.stamp < since or not isinstance(m, TrackSpeeds)]
-
-
-def stuck(log: Log) -> list[Measurement]:
-    """Measurements of a left track whose sensor repeats itself."""
-    since, found, last = log.start + round(FROM * SECOND), [], None
-    for m in log.measurements():
-        if isinstance(m, TrackSpeeds):
-            last = m if last is None or m.stamp < since else last
-            found.append(TrackSpeeds(m.stamp, last.left, m.right))
-        else:
-            found.append(m)
-    return found
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -51,7 +34,7 @@ def test_a_stale_speed_dies_away_and_no_accelerometer_moves_it(log: Log, variant
     """A yaw rate times a speed is a force; an unknown speed may not follow from it."""
     estimator = PoseEstimator(ROBOT, variant)
     found = []
-    for m in stale(log):
+    for m in without(log, "tracks", FROM, 99.0).measurements():
         estimator.feed(m)
         if m.stamp > log.start + round(FROM * SECOND):
             sigma = np.sqrt(np.diagonal(estimator.twist_covariance))
@@ -66,7 +49,7 @@ def test_a_stale_speed_dies_away_and_no_accelerometer_moves_it(log: Log, variant
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_a_stuck_speed_is_not_moved_by_the_accelerometer(log: Log, variant: str) -> None:
     estimator = PoseEstimator(ROBOT, variant)
-    for m in stuck(log):
+    for m in with_stuck_track(log).measurements():
         estimator.feed(m)
         assert abs(estimator.twist[0]) < 1.2 * FASTEST
         assert np.sqrt(estimator.twist_covariance[0, 0]) < 1.001 * FASTEST

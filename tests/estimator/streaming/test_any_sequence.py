@@ -16,7 +16,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from fed_estimators import flaw, known_with_health, result_of
+from fed_estimators import feed_all, flaw, known_with_health, result_of, short_log
 from icreckon import Latencies, PoseEstimator, load_robot
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -213,40 +213,17 @@ def test_any_sequence_of_calls(tmp_path):
     run_state_machine_as_test(AnySequence, settings=limits)
 
 
-def drive(seed):
-    """A drive with fixes, some of them late."""
-    rng = np.random.default_rng(seed)
-    for k in range(400):
-        stamp, (left, right) = EPOCH + k * STEP, rng.normal(0.5, 0.1, 2).tolist()
-        rate = 0.8 * (right - left)
-        yield TrackSpeeds(stamp, left, right)
-        yield ImuSample(stamp + 3, (0.0, 0.0, rate), tuple(rng.normal([0.0, 0.0, 9.81], 0.1)))
-        if k % 7 == 0:
-            yield PositionFix(
-                stamp - int(rng.integers(0, 20)) * STEP, *rng.normal(0.0, 0.1, 2), 1.0
-            )
-
-
-def fed(estimator, measurements):
-    for k, m in enumerate(measurements):
-        estimator.feed(m)
-        if k == 300:
-            estimator.mark()
-        if k == 350:
-            estimator.forget(estimator.marks[0])
-    return known_with_health(estimator)
-
-
 def test_estimators_in_several_threads_are_those_of_one():
     jobs = [(variant, seed) for variant in ("gyro", "inertia-online") for seed in range(2)]
-    options = {"start_sigma": (0.1, 0.1, 0.1)}
-    drives = {seed: list(drive(seed)) for seed in range(2)}
-    alone = [fed(PoseEstimator(ALPHA, name, **options), drives[seed]) for name, seed in jobs]
+    logs = [short_log(duration=4.0, seed=seed) for seed in range(2)]
     begin = threading.Barrier(len(jobs))
 
-    def work(job):
+    def fed(job):
+        return known_with_health(feed_all(PoseEstimator(ALPHA, job[0]), logs[job[1]]))
+
+    def together(job):
         begin.wait()
-        return fed(PoseEstimator(ALPHA, job[0], **options), drives[job[1]])
+        return fed(job)
 
     with ThreadPoolExecutor(len(jobs)) as threads:
-        assert list(threads.map(work, jobs)) == alone
+        assert list(threads.map(together, jobs)) == list(map(fed, jobs))
