@@ -154,10 +154,10 @@ def test_scatter_is_forgotten_once_it_is_over():
 
 
 @cache
-def driven(white: float, wander: float = 0.0, *, rate: float = 1.0, seed: int = 8) -> Log:
+def driven(white: float, wander: float = 0.0, *, rate: float = 1.0) -> Log:
     """A drive of two minutes whose fixes state 5 cm."""
     errors = FixSpec(sigma=white, wander_sigma=wander, wander_time=60.0)
-    scenario = Scenario(duration=120.0, seed=seed, fix_rate=rate, fixes=errors)
+    scenario = Scenario(duration=120.0, seed=8, fix_rate=rate, fixes=errors)
     log = simulate(scenario, ALPHA)
     stated = np.full_like(log.fixes.variances, STATED**2)
     return replace(log, fixes=replace(log.fixes, variances=stated))
@@ -181,29 +181,13 @@ def errors_of(log: Log, variant: str, **more) -> tuple[float, float, float, floa
     return float(nees[len(nees) // 2 :].mean()), position, float(yaw), sigma_of(one.health)
 
 
-RATES = pytest.mark.parametrize(
-    ("variant", "rate"), [("constant-online", 5.0), ("inertia-online", 1.0)]
-)
-
-
-@RATES
+@pytest.mark.parametrize(("variant", "rate"), [("constant-online", 5.0), ("inertia-online", 1.0)])
 def test_a_white_error_of_ten_times_what_fixes_say(variant, rate):
     nees, position, yaw, sigma = errors_of(driven(0.5, rate=rate), variant)
     assert nees < 10.0
     assert position < 0.5
     assert yaw < 4.0
     assert 0.2 < sigma < 1.5
-
-
-@RATES
-def test_a_wander_of_a_hundred_times_what_fixes_say(variant, rate):
-    """As means over two drives: how far such fixes are off differs from one to another."""
-    found = [errors_of(driven(0.05, 5.0, rate=rate, seed=seed), variant) for seed in (8, 9)]
-    nees, position, yaw, sigma = np.mean(found, axis=0)
-    assert nees < 15.0
-    assert position < 2.5
-    assert yaw < 8.0
-    assert sigma > 5.0
 
 
 @pytest.mark.parametrize("variant", ONLINE)
