@@ -115,13 +115,9 @@ BASE = Scenario(duration=10.0, seed=5, fix_rate=2.0)
 
 
 @cache
-def _logs_of(scenario: bytes, count: int) -> tuple[Log, ...]:
-    decoded = msgspec.json.decode(scenario, type=Scenario)
-    return tuple(simulate(decoded, ROBOT, run_index=run) for run in range(count))
-
-
 def logs_of(count: int = 2, **changes: object) -> tuple[Log, ...]:
-    return _logs_of(msgspec.json.encode(msgspec.structs.replace(BASE, **changes)), count)
+    scenario = msgspec.structs.replace(BASE, **changes)
+    return tuple(simulate(scenario, ROBOT, run_index=run) for run in range(count))
 
 
 Counts = dict[str, np.ndarray]

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import thorough
-from icreckon import FixSpec, Log, PoseEstimator, Run, Scenario, Settings, run, simulate
+from faulty_drives import errors
+from icreckon import FixSpec, Log, PoseEstimator, Scenario, Settings, run, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.faults.departing_fixes import (
@@ -160,13 +161,6 @@ def driven(fix_rate: float, sigma: float, duration: float, seed: int) -> Log:
         fixes=FixSpec(sigma=sigma),
     )
     return simulate(scenario, load_robot("auriga-alpha"))
-
-
-def errors(one: Run, log: Log) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Seconds, and errors of position [m] and yaw [rad]."""
-    off = one.states[:, :3] - interpolate_poses(log.truth.poses, one.stamps)
-    seconds = (one.stamps - log.start) * 1e-9
-    return seconds, np.hypot(off[:, 0], off[:, 1]), np.abs(wrap_angle(off[:, 2]))
 
 
 JUMPS_AT = 40.0

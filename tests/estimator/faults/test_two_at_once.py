@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from _scoreboard_put import FAULTS, SECOND
 
-from faulty_drives import with_free_tracks
+from faulty_drives import errors, with_free_tracks
 from icreckon import FixSpec, Log, Run, Scenario, load_robot, run, simulate
 from icreckon.estimator.log.measurements import PositionFix
-from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from same_runs import assert_same_run, fed_one_by_one
 
@@ -69,12 +68,10 @@ def without_fixes(log: Log, lasts: float) -> Log:
 
 def at_end(one: Run) -> tuple[float, float]:
     """Largest error of the position from `LATE` on, in metres and in its own standard deviations."""
-    truth, late = drive().truth, one.stamps > drive().start + round(LATE * SECOND)
-    path = one.trajectory
-    off = path.poses[late, :2] - interpolate_poses(truth.poses, one.stamps[late])[:, :2]
-    sigmas = np.sqrt(np.trace(path.pose_covariances[late, :2, :2], axis1=1, axis2=2))
-    distances = np.hypot(*off.T)
-    return float(distances.max()), float((distances / sigmas).max())
+    seconds, distances, _ = errors(one, drive())
+    late = seconds > LATE
+    sigmas = np.hypot(*one.state_sigmas[late, :2].T)
+    return float(distances[late].max()), float((distances[late] / sigmas).max())
 
 
 @pytest.mark.parametrize("names", list(zip(TRACKS, 2 * IMU, strict=False)), ids=" and ".join)
