@@ -153,9 +153,6 @@ def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
     assert health.recent_nis == pytest.approx(30.0, rel=0.1)
 
 
-# --- innovations ------------------------------------------------------------------------------------
-
-
 def one_of_each():
     """An estimator that was fed each kind of measurement, and what each was, by its sensor."""
     settings = Settings(gates=GateSettings(patience=0.3e-9))

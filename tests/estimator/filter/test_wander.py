@@ -68,9 +68,6 @@ def assert_close(found: PoseEstimator, expected: PoseEstimator) -> None:
     assert np.abs((a.covariance - b.covariance) / np.outer(sigma, sigma)).max() < 1e-8
 
 
-# --- the states -------------------------------------------------------------------------------------
-
-
 def test_wander_that_is_forgotten_at_once_is_white_noise(log: Log) -> None:
     """An independent check of propagation, cross-covariance and gate: the filter without wander."""
     log = replace(log, others=())

@@ -117,8 +117,6 @@ def test_log_of_nothing_says_so():
     assert list(log.measurements()) == []
 
 
-# --- from measurements ------------------------------------------------------------------------------
-
 COVARIANCE = ((0.04, 0.01, 0.0), (0.01, 0.05, 0.02), (0.0, 0.02, 0.3))
 
 

@@ -53,9 +53,6 @@ def steady(
     )
 
 
-# --- derivatives ------------------------------------------------------------------------------------
-
-
 def moving(rng: np.random.Generator, **changes: float) -> LaggedIndexMotion:
     """A model whose forces are anything but steady."""
     model = LaggedIndexMotion(VEHICLE._replace(**changes))

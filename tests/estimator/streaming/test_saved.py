@@ -85,9 +85,6 @@ def test_the_file_can_be_read_by_people(half_way, saved):
     assert [path.name for path in saved.parent.iterdir()] == [saved.name]
 
 
-# --- what does not fit ------------------------------------------------------------------------------
-
-
 def rewrite(path, change):
     """Change the content of a saved file and sign it anew, as another version of icreckon might."""
     document = json.loads(path.read_text())
@@ -155,16 +152,8 @@ NONSENSE = {
         lambda c: c["settings"].update(adaptation={"eta0": -1.0}),
         r"Adaptation.eta0 .* at `\$.settings.adaptation`",
     ),
-    "a slip factor": (
-        of_record("slip_factor", value=0.5),
-        r">= 1.0 - at `\$.now.record.slip_factor`",
-    ),
-    "an interval": (
-        of_record("tracks", "interval", value=-0.01),
-        r"> 0.0 - at `\$.now.record.tracks.interv",
-    ),
+    "a slip factor": (of_record("slip_factor", value=0.5), r"1.0 - at `\$.now.record.slip_factor`"),
     "a size": (of_record("noise", "gyro", "readings", value=[0.0, 0.0, -1.0, 3]), ">= 0.0"),
-    "a verdict": (of_record("gyro", "verdict", value=7), "<= 2"),
     "readings of a standstill": (of_record("still", "end", value=10**6), "needs a stamp"),
     "a stamp": (of_record("stamp", value=2**63), "64 bits"),
     "a speed": (lambda c: tracks_row(c).__setitem__(2, 1e9), "absurdly fast"),
@@ -221,9 +210,6 @@ def test_a_warm_start_refuses_nonsense_too(saved):
     rewrite(saved, set_entry(20, 20, -1.0))
     with pytest.raises(EstimatorError, match="variances must be from 0"):
         PoseEstimator.warm_start(saved, ALPHA, off=1.0)
-
-
-# --- exact continuation of what is under way ---------------------------------------------------------
 
 
 @pytest.mark.parametrize("by", [-(10**13), 10**13])

@@ -86,9 +86,6 @@ def test_all_rows_hold_together(both):
     assert steps[:, 2] == pytest.approx(after.trajectory.twists[1:, 2] * dt[:, 0], abs=1e-2)
 
 
-# --- against the batch solution ------------------------------------------------------------------
-
-
 class _Batch(smoother._Tape):
     """Notes the linear system that the filter has set up, for a solution at one go.
 
@@ -204,9 +201,6 @@ def test_smoothed_is_the_batch_solution(variant, more, log, monkeypatch):
         assert after.trajectory.pose_covariances[row] == pytest.approx(
             covariance[s.POSE, s.POSE], rel=1e-6, abs=1e-12
         )
-
-
-# --- the rough and the empty -----------------------------------------------------------------------
 
 
 def test_an_accelerometer_that_reads_too_much_does_not_stretch_the_path(log):
