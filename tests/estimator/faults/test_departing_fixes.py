@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from agreement_scenes import with_poses
 from conftest import thorough
-from faulty_drives import errors
+from faulty_drives import errors, with_rates
 from icreckon import FixSpec, Log, PoseEstimator, Scenario, Settings, run, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
@@ -153,13 +154,8 @@ def test_slip_may_have_lasted_since_the_last_fix() -> None:
 
 
 def driven(fix_rate: float, sigma: float, duration: float, seed: int) -> Log:
-    scenario = Scenario(
-        duration=duration,
-        seed=seed,
-        trajectory="random",
-        fix_rate=fix_rate,
-        fixes=FixSpec(sigma=sigma),
-    )
+    fixes = {"fix_rate": fix_rate, "fixes": FixSpec(sigma=sigma)}
+    scenario = Scenario(duration=duration, seed=seed, trajectory="random", **fixes)
     return simulate(scenario, load_robot("auriga-alpha"))
 
 
@@ -169,10 +165,7 @@ JUMPS_AT = 40.0
 @pytest.fixture(scope="module")
 def biased() -> Log:
     """A drive under fixes of 5 cm each second, whose gyro's bias jumps by 0.05 rad/s."""
-    log = driven(1.0, 0.05, 80.0, 3)
-    rates = log.imu.angular_velocity.copy()
-    rates[log.imu.stamps > log.start + round(JUMPS_AT * SECOND), 2] += 0.05
-    return replace(log, imu=replace(log.imu, angular_velocity=rates))
+    return with_rates(driven(1.0, 0.05, 80.0, 3), 99.0, lambda rates: rates + 0.05, JUMPS_AT)
 
 
 @pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
@@ -267,9 +260,11 @@ def test_a_burst_of_wrong_fixes_does_not_move_the_pose(robot: Robot) -> None:
     log = driven(10.0, 0.05, 40.0, 5)
     at = (log.fixes.stamps - log.start) * 1e-9
     burst = (at > 30.0) & (at < 31.2)
-    places = log.fixes.poses.copy()
-    places[burst, 0] += 54.0
-    wrong = replace(log, fixes=FixSeries(log.fixes.stamps, places, log.fixes.variances))
+
+    def jump(poses: np.ndarray, _: np.ndarray) -> None:
+        poses[burst, 0] += 54.0
+
+    wrong = with_poses(log, jump)
     right = run(log, robot, "inertia-online")
     one = run(wrong, robot, "inertia-online")
     assert np.hypot(*(one.states[:, :2] - right.states[:, :2]).T).max() < 0.2

@@ -71,15 +71,6 @@ def test_constant_icrs_default_to_the_indices_at_no_inertia(tmp_path):
     assert constant == Indices(H=0.6, zeta0=0.04, epsilon0=0.1, eta0=2.0)
 
 
-def test_imu_rotation_takes_the_imus_axes_to_the_bodys(tmp_path):
-    # Turned a quarter to the left: the IMU's x points to the body's left.
-    robot = load_robot(write(tmp_path, SMALLEST + "[imu]\nrotation_rpy_deg = [0.0, 0.0, 90.0]"))
-    assert robot.imu_rotation @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 1.0, 0.0])
-    # Upside down, rolled by half a turn: what is up for the IMU is down for the body.
-    robot = load_robot(write(tmp_path, SMALLEST + "[imu]\nrotation_rpy_deg = [180.0, 0.0, 0.0]"))
-    assert robot.imu_rotation @ [0.0, 0.0, 1.0] == pytest.approx([0.0, 0.0, -1.0])
-
-
 VEHICLE = {"mass": 30.0, "track_gauge": 0.42, "sprocket_radius": 0.1}
 
 
