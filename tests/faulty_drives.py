@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from icreckon import Health, Log, PoseEstimator, Robot, Scenario, simulate
+from icreckon import Health, Log, PoseEstimator, Robot, Run, Scenario, simulate
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.scores import interpolate_poses
@@ -89,6 +89,13 @@ def with_free_wheel(log: Log, begins: float = BEGINS) -> Log:
     left = log.tracks.left_wheels.copy()
     left[_within(log, log.tracks.stamps, 3.0, begins), 0] += EXCESS
     return _of_wheels(log, (left, log.tracks.right_wheels))
+
+
+def errors(one: Run, log: Log) -> tuple[Floats, Floats, Floats]:
+    """Seconds, and errors of position [m] and yaw [rad], of the rows of a run."""
+    off = one.states[:, :3] - interpolate_poses(log.truth.poses, one.stamps)
+    seconds = (one.stamps - log.start) * NANOSECOND
+    return seconds, np.hypot(off[:, 0], off[:, 1]), np.abs(wrap_angle(off[:, 2]))
 
 
 class Motion(NamedTuple):

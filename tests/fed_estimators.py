@@ -1,24 +1,36 @@
-"""Estimators that were fed a log, and what they remember, compared to the last bit."""
+"""Estimators that were fed a log, and what they say, to the last bit."""
 
 import numpy as np
 
-from icreckon import FixSpec, Scenario, load_robot, simulate
+from icreckon import EstimatorError, FixSpec, Log, Scenario, load_robot, simulate
 
 ALPHA = load_robot("auriga-alpha")
 
 
-def remembered(estimator):
-    return estimator.stamp, estimator.state, estimator.covariance, estimator.twist
+def known(estimator):
+    """All that an estimator says of the robot, to the last bit."""
+    arrays = estimator.state, estimator.covariance, estimator.twist, estimator.twist_covariance
+    numbers = [array.tobytes() for array in arrays]
+    return estimator.stamp, estimator.stands, estimator.marks, *numbers
 
 
-def assert_same(before, after):
-    assert before[0] == after[0]
-    for a, b in zip(before[1:], after[1:], strict=True):
-        assert (a == b).all()
+def known_with_health(estimator):
+    return known(estimator), estimator.health
 
 
-def feed_all(estimator, log):
-    for measurement in log.measurements():
+def result_of(call, estimator):
+    """What a call returns, or the text of its error."""
+    try:
+        return call(estimator)
+    except EstimatorError as problem:
+        return str(problem)
+
+
+def feed_all(estimator, measurements):
+    """Feed a log, or measurements."""
+    if isinstance(measurements, Log):
+        measurements = measurements.measurements()
+    for measurement in measurements:
         estimator.feed(measurement)
     return estimator
 

@@ -33,17 +33,12 @@ def found(case: Case) -> Calibration:
     return calibrate([case.log], case.robot, models=KINEMATIC)
 
 
-def off_by(found: Calibration, case: Case) -> dict[str, float]:
-    """Errors in standard errors, of what is shown."""
-    return {
+def test_everything_is_found_within_its_standard_errors(found: Calibration, case: Case) -> None:
+    errors = {
         name: error / sigma
         for name, (error, sigma, status) in compared(case, found).items()
         if status == "shown"
     }
-
-
-def test_everything_is_found_within_its_standard_errors(found: Calibration, case: Case) -> None:
-    errors = off_by(found, case)
     indices = {"zeta0", "zeta1", "epsilon0", "epsilon1", "eta0", "eta1"}
     assert {f"indices.{name}" for name in indices} <= set(errors)
     assert {"sprocket_radius", "imu.gyro_scale", "truth.forward", "truth.left"} <= set(errors)
@@ -117,7 +112,7 @@ def test_two_logs_share_the_robot_but_not_bias_and_lag(case: Case) -> None:
     assert both.robot.indices.eta0 == pytest.approx(case.true["indices.eta0"], rel=0.03)
 
 
-def test_latency_means_the_same_as_for_inspect_and_the_filter(case, found):
+def test_latency_means_the_same_as_for_inspect(case, found):
     """Means over 0.1 s that come 0.1 s late."""
     tracks = case.log.tracks
     whole = len(tracks.stamps) // 5
@@ -125,12 +120,12 @@ def test_latency_means_the_same_as_for_inspect_and_the_filter(case, found):
     coarse = TrackSpeedSeries(tracks.stamps[4 : 5 * whole : 5] + 100_000_000, means)
     log = replace(case.log, tracks=coarse)
     calibrated = calibrate([log], case.robot, models=("constant", "inertia"))
+    before, after = (one.parameter("track_latency").value for one in (found, calibrated))
+    assert after - before == pytest.approx(0.1, abs=0.03)
     vertical = log.imu.angular_velocity @ case.robot.imu_rotation[2]
     shown = track_latency(coarse, log.imu, vertical)
     # The yaw rate follows the tracks with the lag of the forces, too, which is latency to inspect.
-    assert calibrated.parameter("track_latency").value == pytest.approx(shown.seconds, abs=0.035)
-    before = found.parameter("track_latency").value
-    assert calibrated.parameter("track_latency").value - before == pytest.approx(0.1, abs=0.03)
+    assert after == pytest.approx(shown.seconds, abs=0.035)
 
 
 def with_bias(log: Log, bias: float) -> Log:
@@ -263,37 +258,29 @@ def test_speeds_that_are_no_rates_keep_the_radius(case: Case) -> None:
     assert "sprocket_radius" in again.notes[0]
 
 
+def with_speeds(log: Log, speeds: np.ndarray) -> Log:
+    return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps[: len(speeds)], speeds))
+
+
+def with_rates(log: Log, factor: float) -> Log:
+    rates = factor * log.imu.angular_velocity
+    return replace(log, imu=replace(log.imu, angular_velocity=rates))
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
         (lambda log: replace(log, truth=None), "holds no pose truth"),
         (lambda log: replace(log, imu=None), "holds no IMU samples"),
-        (
-            lambda log: replace(log, tracks=TrackSpeedSeries(np.zeros(0, int), np.zeros((0, 2)))),
-            "holds 0 track speeds",
-        ),
+        (lambda log: with_speeds(log, np.zeros((0, 2))), "holds 0 track speeds"),
         (lambda log: part(log, 0.1, 0.12), "share only"),
         (lambda log: part(log, 0.1, 0.25), r"only \d segments of 3 s"),
-        (
-            lambda log: replace(
-                log, imu=replace(log.imu, angular_velocity=-log.imu.angular_velocity)
-            ),
-            "the gyro turned against the truth",
-        ),
-        (
-            lambda log: replace(
-                log, tracks=TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds[:, ::-1])
-            ),
-            "left and right may be swapped",
-        ),
-        (
-            lambda log: replace(
-                log, tracks=TrackSpeedSeries(log.tracks.stamps, -log.tracks.speeds[:, ::-1])
-            ),
-            "drove against the truth",
-        ),
+        (lambda log: with_rates(log, -1.0), "the gyro turned against the truth"),
+        (lambda log: with_rates(log, 180.0 / np.pi), r"the gyro turns 5[0-9]\S* times as far"),
+        (lambda log: with_rates(log, 0.3), r"the gyro turns 0.30\S* times as far"),
+        (lambda log: with_speeds(log, log.tracks.speeds[:, ::-1]), "and right may be swapped"),
+        (lambda log: with_speeds(log, -log.tracks.speeds[:, ::-1]), "drove against the truth"),
     ],
-    ids=["truth", "imu", "tracks", "moment", "short", "gyro", "swapped", "backward"],
 )
 def test_logs_that_show_nothing_are_refused(case: Case, change: object, said: str) -> None:
     with pytest.raises(EstimatorError, match=said):
@@ -311,14 +298,6 @@ def test_logs_that_show_nothing_are_refused(case: Case, change: object, said: st
 def test_options_that_make_no_sense_are_refused(case, options, said):
     with pytest.raises(EstimatorError, match=said):
         calibrate([case.log], case.robot, **options)
-
-
-@pytest.mark.parametrize(("factor", "found"), [(180.0 / np.pi, "5[0-9]"), (0.3, "0.30")])
-def test_a_gyro_in_another_unit_is_refused(case: Case, factor: float, found: str) -> None:
-    imu = case.log.imu
-    wrong = replace(imu, angular_velocity=imu.angular_velocity * factor)
-    with pytest.raises(EstimatorError, match=rf"the gyro turns {found}\S* times as far"):
-        calibrate([replace(case.log, imu=wrong)], case.robot, models=("constant",))
 
 
 @pytest.mark.parametrize(
@@ -373,7 +352,7 @@ def test_the_gyro_is_not_compared_with_headings_that_it_made(drive: str) -> None
 
 def test_an_antenna_off_the_centre_changes_no_scale() -> None:
     """Its path is longer in bends: headings by the path of the robot made the radius 0.4 % too small."""
-    scenario = Scenario(duration=90.0, trajectory="random", seed=3, fix_rate=0.0, truth="kinematic")
+    scenario = Scenario(duration=60.0, trajectory="random", seed=3, fix_rate=0.0, truth="kinematic")
     log = run_scenario(scenario, ROBOT).log
     headed = calibrate([log], ROBOT, models=("constant",))
     expected, scale = headed.parameter("sprocket_radius").value, headed.parameter("imu.gyro_scale")

@@ -60,7 +60,7 @@ def test_runs_by_arrays_are_those_one_by_one(name: str) -> None:
 ARRAYS = [
     "all everyday variants", "track speeds that are seldom told", "a track that is stuck",
     "a gyro that jumps", "an IMU without accelerometers", "states that are considered",
-    "a track that spins", "a gyro that is clipped", "no IMU for seconds",
+    "a track that spins", "a slide", "a gyro that is clipped", "no IMU for seconds",
     "no track speeds for seconds", "an IMU slower than the tracks", "forces that are missing",
 ]  # fmt: skip
 
@@ -115,13 +115,9 @@ BASE = Scenario(duration=10.0, seed=5, fix_rate=2.0)
 
 
 @cache
-def _logs_of(scenario: bytes, count: int) -> tuple[Log, ...]:
-    decoded = msgspec.json.decode(scenario, type=Scenario)
-    return tuple(simulate(decoded, ROBOT, run_index=run) for run in range(count))
-
-
 def logs_of(count: int = 2, **changes: object) -> tuple[Log, ...]:
-    return _logs_of(msgspec.json.encode(msgspec.structs.replace(BASE, **changes)), count)
+    scenario = msgspec.structs.replace(BASE, **changes)
+    return tuple(simulate(scenario, ROBOT, run_index=run) for run in range(count))
 
 
 Counts = dict[str, np.ndarray]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from conftest import thorough
+from fed_estimators import feed_all
 from icreckon import GateSettings, PoseEstimator, Scenario, Settings, Terrain, load_robot, simulate
 from icreckon.estimator.base import state
 from icreckon.estimator.log.measurements import (
@@ -27,6 +28,7 @@ from icreckon.estimator.robot.variants import (
     motion_model,
     register,
 )
+from same_runs import assert_same_estimate
 
 ALPHA = load_robot("auriga-alpha")
 CORRELATED = ((0.04, 0.01, -0.02), (0.01, 0.05, 0.03), (-0.02, 0.03, 0.5))
@@ -123,46 +125,47 @@ def test_explicit_models_are_the_same_compiled(name):
 def everything():
     """All kinds of measurements: standstill, wrong ones that are gated and believed, holes, late ones."""
     scenario = Scenario(
-        duration=12.8, trajectory="aggressive", track_rate=25.0, imu_rate=50.0, fix_rate=10.0, seed=5,
+        duration=10.7, trajectory="aggressive", track_rate=25.0, imu_rate=50.0, fix_rate=10.0, seed=5,
         terrain=Terrain(slope_deg=5.0, uphill_deg=40.0),
     )  # fmt: skip
-    log = simulate(scenario, ALPHA)
+    # It stands for the first three seconds.
+    log = simulate(scenario, ALPHA).part(3.0, 10.7)
     rng = np.random.default_rng(6)
     measurements = []
     for m in log.measurements():
         time = (m.stamp - log.start) * 1e-9
         match m:
             case TrackSpeeds():
-                if 4.3 < time < 4.9 or 5.2 < time < 6.0:
+                if 2.6 < time < 3.2 or 3.5 < time < 4.3:
                     continue
-                if 8.0 < time < 10.5:
+                if 5.7 < time < 6.7:
                     m = TrackSpeeds(m.stamp, 0.0, 0.0)
                 # Stuck.
-                if 10.6 < time < 12.6:
+                if time > 6.8:
                     m = TrackSpeeds(m.stamp, 0.123, m.right)
             case ImuSample(stamp, (_, _, w), force):
-                if 4.0 < time < 4.3:
+                if 2.3 < time < 2.6:
                     continue
-                if 8.3 < time < 10.5:
+                if 5.8 < time < 6.7:
                     w, force = 0.002 + 1e-4 * rng.normal(), (0.0, 0.01 * rng.normal(), 9.81)
-                if 6.2 < time < 6.6:
+                if 4.4 < time < 4.7:
                     w += 30.0
-                if 6.7 < time < 7.5:
+                if 4.8 < time < 5.3:
                     # Too slowly for a jump.
-                    w += 20.0 * (1.0 - abs(time - 7.1) / 0.4)
-                if 7.5 < time < 7.9:
+                    w += 12.0 * (1.0 - abs(time - 5.05) / 0.25)
+                if 5.3 < time < 5.6:
                     force = (0.0, 40.0, 9.81)
-                if 0.5 < time < 0.9:
+                if 0.3 < time < 0.5:
                     force = None
                 m = ImuSample(stamp, (0.0, 0.0, w), force)
             case PositionFix():
-                if time > 4.0 and len(measurements) % 3 == 0:
+                if time > 2.3 and len(measurements) % 3 == 0:
                     continue
         measurements.append(m)
-        if isinstance(m, TrackSpeeds) and 8.2 < time < 10.3:
+        if isinstance(m, TrackSpeeds) and 5.9 < time < 6.6:
             measurements.append(ZeroVelocity(m.stamp + 10_000_000 * (int(10.0 * time) % 3)))
-        if isinstance(m, PositionFix) and 1.0 < time < 4.0:
-            away = 3.0 if 1.8 < time < 3.8 else 0.0
+        if isinstance(m, PositionFix) and 0.6 < time < 2.3:
+            away = 3.0 if 1.0 < time < 2.2 else 0.0
             # Some with an IMU sample, some between two.
             stamp = m.stamp + 7_000_000 * (int(10.0 * time) % 2)
             measurements[-1] = PositionFix(stamp, m.x + away, m.y, m.variance)
@@ -176,13 +179,6 @@ def everything():
         m.stamp + (100_000_000 if rng.random() < 0.01 else 0) - log.start for m in measurements
     ]
     return [measurements[index] for index in np.argsort(arrival, kind="stable")]
-
-
-def fed(engine, variant, measurements, **options):
-    settings = Settings(engine=engine, **options)
-    estimator = PoseEstimator(ALPHA, variant, settings=settings, **START)
-    used = [estimator.feed(m) for m in measurements]
-    return estimator, used
 
 
 def apart(one, other, before=0.0):
@@ -200,7 +196,7 @@ def apart(one, other, before=0.0):
     "variant", ["inertia-online", *map(thorough, sorted(VARIANTS.keys() - {"inertia-online"}))]
 )
 def test_compiled_agrees_with_plain(variant):
-    gates = GateSettings(patience=0.2)
+    gates = GateSettings(patience=0.15)
     settings = [Settings(engine=engine, gates=gates) for engine in ("plain", "compiled")]
     plain, compiled = (PoseEstimator(ALPHA, variant, settings=one, **START) for one in settings)
     worst, before = np.zeros(2), 0.0
@@ -211,20 +207,12 @@ def test_compiled_agrees_with_plain(variant):
             before = np.sqrt(np.diagonal(plain.covariance))
             assert (compiled.covariance == compiled.covariance.T).all()
     assert worst.max() < 1e-9
-    a, b = plain.health, compiled.health
-    assert a.rejections() == b.rejections()
-    assert a.standstill_updates == b.standstill_updates > 50
-    assert a.track_gaps == b.track_gaps == 2
-    assert a.times == b.times
+    assert_same_estimate(compiled, plain)
+    a = plain.health
+    assert compiled.health.rejections() == a.rejections()
+    assert a.standstill_updates > 10
+    assert a.track_gaps == 2
     assert a.times["stuck"] > 0
-    for name, sensor in a.sensors.items():
-        other = b.sensors[name]
-        for count in ("used", "degrees", "late", "reacquired"):
-            assert getattr(sensor, count) == getattr(other, count)
-        assert sensor.nis_sum == pytest.approx(other.nis_sum, rel=1e-9)
-        if sensor.newest is not None:
-            assert other.newest[:2] == sensor.newest[:2]
-            assert flat(other.newest[2:]) == pytest.approx(flat(sensor.newest[2:]), rel=1e-7)
     # The gyro's gate is wide where it alone shows the turning.
     wide = variant in ("gyro", "differential")
     assert wide or a.sensors["gyro"].rejected["gate"] > 0
@@ -239,8 +227,6 @@ def test_compiled_agrees_with_plain(variant):
     for name in (*(() if wide else ("gyro",)), *forces, *many):
         degrees = many.get(name, 1)
         assert a.sensors[name].degrees < degrees * a.sensors[name].used
-    assert compiled.twist == pytest.approx(plain.twist, abs=1e-10)
-    assert compiled.indices == pytest.approx(plain.indices, abs=1e-10)
 
 
 # --- a model with memory ----------------------------------------------------------------------------
@@ -249,10 +235,8 @@ def test_compiled_agrees_with_plain(variant):
 class Sluggish:
     """A motion model that is not compiled and remembers: the published one, a little late."""
 
-    def __init__(self, time_constant):
-        self._inner = LaggedIndexMotion(ALPHA.constants)
-        self._time_constant = time_constant
-        self._tracks = np.zeros(2)
+    def __init__(self):
+        self._inner, self._tracks = LaggedIndexMotion(ALPHA.constants), np.zeros(2)
 
     @property
     def vehicle(self):
@@ -271,8 +255,6 @@ class Sluggish:
         self._tracks = memory[:2]
 
     def linearise(self, V_l, V_r, parameters, slip, gravity):
-        if not self._time_constant:
-            return self._inner.linearise(V_l, V_r, parameters, slip, gravity)
         left, right = self._tracks.tolist()
         V_l, V_r = left + 0.5 * (V_l - left), right + 0.5 * (V_r - right)
         found, by = self._inner.linearise(V_l, V_r, parameters, slip, gravity)
@@ -287,39 +269,33 @@ class Sluggish:
         return self._inner.steering_efficiency(parameters)
 
     def begin_step(self, dt, V_l, V_r, parameters, gravity):
-        assert len(parameters) == 9
         self._inner.begin_step(dt, V_l, V_r, parameters, gravity)
-        share = -np.expm1(-dt / max(self._time_constant, 1e-9))
+        share = -np.expm1(-dt / 0.2)
         self._tracks = self._tracks + share * (np.array([V_l, V_r]) - self._tracks)
 
 
 @pytest.fixture
 def sluggish():
-    """Register the variant "sluggish" with a time constant."""
-
-    def use(time_constant):
-        register(
-            Variant("sluggish", "inertia", online=True, motion=lambda _: Sluggish(time_constant))
-        )
-
-    yield use
+    """A registered variant of the name."""
+    register(Variant("sluggish", "inertia", online=True, motion=lambda _: Sluggish()))
+    yield "sluggish"
     del VARIANTS["sluggish"]
 
 
 def test_what_a_model_remembers_goes_back_in_time_with_the_filter(sluggish, tmp_path):
-    sluggish(0.2)
-    some = everything()[200:270]  # with late ones
-    late, _ = fed("compiled", "sluggish", some, history=2.0)
-    in_order, _ = fed("compiled", "sluggish", sorted(some, key=lambda m: m.stamp), history=2.0)
+    some = everything()[405:445]  # with late ones
+    late = feed_all(PoseEstimator(ALPHA, sluggish, **START), some)
+    in_order = PoseEstimator(ALPHA, sluggish, **START)
+    feed_all(in_order, sorted(some, key=lambda m: m.stamp))
     memory = late._reckoning.ekf.model.memory
     assert np.abs(memory).max() > 0.01
     assert (memory == in_order._reckoning.ekf.model.memory).all()
     assert (late.state == in_order.state).all()
 
-    before, _ = fed("compiled", "sluggish", some[:40])
+    before = feed_all(PoseEstimator(ALPHA, sluggish, **START), some[:25])
     before.save(tmp_path / "saved.json")
     after = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
-    for m in some[40:]:
+    for m in some[25:]:
         assert before.feed(m) == after.feed(m)
     assert (before.state == after.state).all()
     assert (before._reckoning.ekf.model.memory == after._reckoning.ekf.model.memory).all()

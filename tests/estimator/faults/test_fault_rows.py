@@ -1,17 +1,14 @@
 """The rows of a run have the faults that `Health.findings` names at their stamps."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import faulty_drives
 from faulty_drives import BEGINS, with_free_track, with_free_wheel, with_rates, with_tracks
-from icreckon.estimator.filter.fault_table import FAULT_COLUMNS, Finding
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run, work_through
+from icreckon import Finding, Log, PoseEstimator, Robot, run
+from icreckon.estimator.filter.fault_table import FAULT_COLUMNS
+from icreckon.estimator.streaming.run import work_through
+from same_runs import without
 
 DURATION = 36.0
 # Parts of columns whose findings have none, or another.
@@ -37,24 +34,6 @@ def with_stuck_track(log: Log) -> Log:
     )
 
 
-def with_frozen_gyro(log: Log) -> Log:
-    return with_rates(log, 3.0, lambda rates: np.full(len(rates), rates[0]))
-
-
-def without_imu(log: Log) -> Log:
-    imu = log.imu
-    kept = (imu.stamps - log.start) * 1e-9 < BEGINS
-    return replace(
-        log,
-        imu=replace(
-            imu,
-            stamps=imu.stamps[kept],
-            angular_velocity=imu.angular_velocity[kept],
-            linear_acceleration=imu.linear_acceleration[kept],
-        ),
-    )
-
-
 def column_of(finding: Finding) -> tuple[str, str]:
     if finding.fault == "wheel off":
         return finding.fault, f"{finding.part.split()[0]} wheels"
@@ -66,8 +45,11 @@ def column_of(finding: Finding) -> tuple[str, str]:
     [
         (("spinning", "left track"), with_free_track),
         (("stuck", "left track"), with_stuck_track),
-        (("failing", "gyro"), with_frozen_gyro),
-        (("silent", "IMU"), without_imu),
+        (
+            ("failing", "gyro"),
+            lambda log: with_rates(log, 3.0, lambda rates: np.full(len(rates), rates[0])),
+        ),
+        (("silent", "IMU"), lambda log: without(log, "imu", BEGINS, DURATION + 1.0)),
         (
             ("wheel off", "left wheels"),
             lambda log: with_free_wheel(faulty_drives.with_wheels(log, 3)),
@@ -82,12 +64,9 @@ def test_the_rows_have_the_faults_that_findings_name(
     estimator = PoseEstimator(robot, "constant-online")
 
     def at_row() -> None:
-        findings = {
-            column_of(one)
-            for one in estimator.health.findings
-            if one.fault in (*PARTS, "wheel off")
-        }
-        by_row.append(findings)
+        findings = [one for one in estimator.health.findings if one.fault in (*PARTS, "wheel off")]
+        assert all(-0.03 < (one.since - log.start) * 1e-9 - BEGINS < 0.5 for one in findings)
+        by_row.append({column_of(one) for one in findings})
 
     streamed = work_through(log, estimator, at_row=at_row)
     for found, row in zip(by_row, streamed.faults, strict=True):

@@ -10,7 +10,7 @@ from _logs import WITH_TRUTH
 
 import faulty_drives
 from conftest import sample_log
-from faulty_drives import BEGINS, EXCESS, VARIANTS, motion_over, with_free_wheel, with_wheels
+from faulty_drives import VARIANTS, motion_over, with_free_wheel, with_wheels
 from fed_estimators import feed_all
 from icreckon import EstimatorError, Log, PoseEstimator, TrackSpeeds, read_log, run, run_many
 from icreckon.estimator.base.array_types import NANOSECOND
@@ -155,20 +155,6 @@ def test_a_free_wheel_costs_little(variant: str, robot: Robot, drive: Log) -> No
     assert found.delay < 0.25
 
 
-def test_health_names_the_wheel_while_it_spins(robot: Robot, drive: Log) -> None:
-    estimator, seen = PoseEstimator(robot, "gyro"), set()
-    for measurement in drive.measurements():
-        estimator.feed(measurement)
-        health = estimator.health
-        odd = health.finding("wheel off")
-        if odd is not None:
-            after = (odd.since - drive.start) * NANOSECOND - BEGINS
-            assert 0.0 <= after < 0.1
-            assert odd.size == pytest.approx(EXCESS, abs=0.3)
-        seen.add((odd and odd.part, health.times.get("wheel off", 0)))
-    assert seen == {(None, 0), ("left wheel 1", 1), (None, 1)}
-
-
 def test_in_doubt_without_a_gyro_the_error_grows(robot: Robot) -> None:
     drive = with_wheels(faulty_drives.drive(robot, 1, 10.0), 2, 1)
     odd = replace(with_free_wheel(drive, 2.0), imu=None)
@@ -214,12 +200,8 @@ def false_alarms(log: Log, robot: Robot) -> int:
 
 
 @pytest.mark.parametrize("count", [2, 3])
-@pytest.mark.parametrize("trajectory_seed", [3])
-def test_no_false_alarm_in_ordinary_drives(count: int, trajectory_seed: int, robot: Robot) -> None:
-    assert (
-        false_alarms(with_wheels(faulty_drives.drive(robot, trajectory_seed, 36.0), count), robot)
-        == 0
-    )
+def test_no_false_alarm_in_ordinary_drives(count: int, robot: Robot) -> None:
+    assert false_alarms(with_wheels(faulty_drives.drive(robot, 3, 36.0), count), robot) == 0
 
 
 @pytest.mark.parametrize("name", ["husky_deflated_part1", "marmotte_part1"])

@@ -111,10 +111,6 @@ def test_expected_slip_is_a_share_of_the_distance_and_none_at_rest() -> None:
         UndetectedSlip(share=0.5, time=0.0)
 
 
-def carried(log: Log) -> Log:
-    return with_tracks(log, 10.0, np.zeros_like, RESTS)
-
-
 def slides(health: Health) -> bool:
     return {"sliding", "carried"} & health.times.keys() != set()
 
@@ -126,7 +122,8 @@ def healthy(robot: Robot) -> Log:
 
 @pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
 def test_the_uncertainty_covers_a_robot_that_is_carried(variant, robot, healthy):
-    found = motion_over(carried(healthy), robot, variant, slides, 10.0, RESTS)
+    carried = with_tracks(healthy, 10.0, np.zeros_like, RESTS)
+    found = motion_over(carried, robot, variant, slides, 10.0, RESTS)
     assert found.error < 3.0 * found.sigma < 30.0
     assert found.delay < 10.0
 

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from icreckon import VARIANTS, PoseEstimator, load_robot
+from fed_estimators import known
+from icreckon import BodyVelocity, ImuSample, PoseEstimator, PositionFix, TrackSpeeds, load_robot
 from icreckon.estimator.base import state as s
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, LONGEST_COUNTED, Gate
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
-from icreckon.estimator.log.measurements import BodyVelocity, ImuSample, PositionFix, TrackSpeeds
 
 ALPHA = load_robot("auriga-alpha")
-STEP = 10_000_000
 
 
 def test_thresholds_are_the_quantiles_of_chi_square():
@@ -119,23 +118,21 @@ def test_a_body_velocity_is_used_whole_or_not_at_all():
         stamp = step * 20_000_000
         estimator.feed(TrackSpeeds(stamp, 0.3, 0.3))
         estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0)))
-    stamp = estimator.stamp
-    state, covariance = estimator.state, estimator.covariance
+    stamp, before = estimator.stamp, known(estimator)
     assert not estimator.feed(BodyVelocity(stamp, 0.3, 5.0, 1e-4))
-    assert (estimator.state == state).all()
-    assert (estimator.covariance == covariance).all()
+    assert known(estimator) == before
     assert estimator.feed(BodyVelocity(stamp + 1, 0.3, 0.0, 1e-4))
     counts = estimator.health.sensors["body velocity"]
     assert (counts.used, counts.rejected, counts.degrees) == (1, {"gate": 1}, 2)
 
 
-@pytest.mark.parametrize("variant", [one for one in VARIANTS if VARIANTS[one].accelerometers])
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
 def test_a_short_fault_leaves_gravity_and_motion_as_they_were(variant: str) -> None:
     """Forty m/s² for 0.4 s, in a bend: long enough for the gate to give in."""
     estimator = PoseEstimator(ALPHA, variant)
     twists = []
     for k in range(1200):
-        stamp = k * STEP
+        stamp = k * 10_000_000
         if k % 2 == 0:
             estimator.feed(TrackSpeeds(stamp, 0.3, 0.6))
         v_x, v_y, w = estimator.twist.tolist()

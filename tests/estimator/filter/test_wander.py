@@ -1,6 +1,5 @@
 """Position fixes whose error wanders: two more states, exact between fixes."""
 
-import math
 from dataclasses import replace
 
 import msgspec
@@ -67,9 +66,6 @@ def assert_close(found: PoseEstimator, expected: PoseEstimator) -> None:
     sigma = np.sqrt(np.maximum(b.covariance.diagonal(), 1e-20))
     assert np.abs((a.state - b.state) / sigma).max() < 1e-8
     assert np.abs((a.covariance - b.covariance) / np.outer(sigma, sigma)).max() < 1e-8
-
-
-# --- the states -------------------------------------------------------------------------------------
 
 
 def test_wander_that_is_forgotten_at_once_is_white_noise(log: Log) -> None:
@@ -139,22 +135,6 @@ def test_smoothing_the_wander(log: Log) -> None:
     forward = run(log, ALPHA, "constant-online", settings=settings(), **START)
     assert both.filtered.states == pytest.approx(forward.states, abs=1e-8)
     assert (both.smoothed.state_sigmas[:, :2] <= both.filtered.state_sigmas[:, :2] * 1.001).all()
-
-
-def test_a_lost_heading_is_found_by_fixes_that_wander() -> None:
-    """How long it takes depends on the drive."""
-    made = simulate(Scenario(duration=120.0, seed=4, fix_rate=2.0, fixes=GPS), ALPHA)
-    fixes, truth = made.fixes, made.truth
-    turned = fixes.poses.copy()
-    # From 45 s on the frame is another, as if the robot had been carried and turned.
-    half, angle = 90, 2.0
-    later = np.full(len(turned) - half, angle)
-    turned[half:, :2] = rotate(turned[half:, :2], later) + np.array([60.0, 30.0])
-    log = replace(made, fixes=replace(fixes, poses=turned), truth=None)
-    found = run(log, ALPHA, "constant-online", settings=settings())
-    yaw = truth.poses.poses[-1, 2] + angle - found.trajectory.poses[-1, 2]
-    assert found.health.sensors["position"].reacquired >= 1
-    assert abs(math.remainder(yaw, 2.0 * math.pi)) < 0.3
 
 
 def nees(given: Settings, runs: int) -> float:

@@ -42,12 +42,11 @@ def trajectory(seconds, poses, covariances=None, twists=None):
 
 
 SECONDS = np.arange(0.0, 120.0, 0.05)
+LINE, CIRCLE = (series(SECONDS, path(SECONDS)) for path in (straight, circle))
 
 
 def test_one_percent_of_scale_is_one_percent_of_drift():
-    score = drift(
-        series(SECONDS, 1.01 * straight(SECONDS)), series(SECONDS, straight(SECONDS)), 30.0
-    )
+    score = drift(series(SECONDS, 1.01 * straight(SECONDS)), LINE, 30.0)
     assert score.percent_mean == pytest.approx(1.0, rel=1e-9)
     assert score.percent_median == pytest.approx(1.0, rel=1e-9)
     assert score.yaw_deg_per_m == 0.0
@@ -55,8 +54,7 @@ def test_one_percent_of_scale_is_one_percent_of_drift():
 
 def test_constant_yaw_rate_error_is_yaw_drift_and_a_bend_to_the_left():
     rate = 0.002
-    truth = series(SECONDS, straight(SECONDS))
-    score = drift(series(SECONDS, circle(SECONDS, rate=rate)), truth, 10.0)
+    score = drift(series(SECONDS, circle(SECONDS, rate=rate)), LINE, 10.0)
     assert score.yaw_errors == pytest.approx(10.0 * rate)
     assert score.yaw_deg_per_m == pytest.approx(np.degrees(rate) / 0.5)
     # Half the yaw error over the whole way: 5 m * 0.01 rad.
@@ -64,39 +62,36 @@ def test_constant_yaw_rate_error_is_yaw_drift_and_a_bend_to_the_left():
 
 
 def test_estimate_in_another_frame_scores_the_same():
-    truth = series(SECONDS, circle(SECONDS))
     poses = circle(SECONDS, speed=0.51, rate=0.102)
     moved = compose([13.0, -7.0, 2.0], poses)
-    a, b = drift(series(SECONDS, poses), truth, 30.0), drift(series(SECONDS, moved), truth, 30.0)
+    a, b = drift(series(SECONDS, poses), CIRCLE, 30.0), drift(series(SECONDS, moved), CIRCLE, 30.0)
     assert a.position_errors == pytest.approx(b.position_errors, abs=1e-9)
     assert a.yaw_errors == pytest.approx(b.yaw_errors, abs=1e-9)
 
 
 def test_estimate_is_compared_at_the_stamps_of_the_truth():
     # The estimate is sampled elsewhere; a straight line loses nothing by interpolation.
-    truth = series(SECONDS, straight(SECONDS))
     elsewhere = np.arange(-1.0, 130.0, 0.033)
-    score = drift(series(elsewhere, straight(elsewhere)), truth, 10.0)
+    score = drift(series(elsewhere, straight(elsewhere)), LINE, 10.0)
     assert score.position_errors == pytest.approx(0.0, abs=1e-6)
 
 
 def test_segments_across_a_hole_in_the_truth_are_left_out_and_none_counts_twice():
     seconds = SECONDS[(SECONDS < 40.0) | (SECONDS >= 70.0)]
     truth = series(seconds, straight(seconds))
-    score = drift(series(SECONDS, straight(SECONDS)), truth, 10.0)
+    score = drift(LINE, truth, 10.0)
     starts = (score.starts - EPOCH) * 1e-9
     assert len(np.unique(starts)) == len(starts)
     assert not ((starts > 29.96) & (starts < 70.0)).any()
     # 0 to 29 s before the hole; 70 to 109 s after it.
     assert len(starts) == 30 + 40
-    bridged = drift(series(SECONDS, straight(SECONDS)), truth, 10.0, largest_gap=60.0)
+    bridged = drift(LINE, truth, 10.0, largest_gap=60.0)
     assert len(bridged.starts) > len(score.starts)
 
 
 def test_segments_lie_wholly_within_the_intervals_asked_for():
-    truth = series(SECONDS, straight(SECONDS))
     within = [(int(at(20.0)), int(at(45.0))), (int(at(100.0)), int(at(105.0)))]
-    score = drift(truth, truth, 10.0, within=within)
+    score = drift(LINE, LINE, 10.0, within=within)
     starts = (score.starts - EPOCH) * 1e-9
     assert starts == pytest.approx(np.arange(20.0, 36.0))
 
@@ -119,22 +114,20 @@ def test_standing_segments_do_not_count_in_ratios():
 def test_truth_shorter_than_the_horizon_gives_no_segment(last):
     seconds = SECONDS[: round(last / 0.05) + 1]
     short = series(seconds, straight(seconds))
-    score = drift(series(SECONDS, straight(SECONDS)), short, 10.0)
+    score = drift(LINE, short, 10.0)
     assert len(score.starts) == 0
     assert np.isnan(score.percent_mean)
 
 
 def test_path_length_of_a_line_and_a_circle():
-    assert path_length(series(SECONDS, straight(SECONDS))) == pytest.approx(0.5 * SECONDS)
+    assert path_length(LINE) == pytest.approx(0.5 * SECONDS)
     # Chords of 0.05 rad are shorter than their arcs by 1e-4 of their length.
-    assert path_length(series(SECONDS, circle(SECONDS)))[-1] == pytest.approx(
-        0.5 * SECONDS[-1], rel=2e-4
-    )
+    assert path_length(CIRCLE)[-1] == pytest.approx(0.5 * SECONDS[-1], rel=2e-4)
 
 
 def test_velocity_errors_by_the_twists_of_the_truth():
     twists = np.tile([0.5, 0.0, 0.1], (len(SECONDS), 1))
-    truth = Truth(series(SECONDS, circle(SECONDS)), TwistSeries(at(SECONDS), twists))
+    truth = Truth(CIRCLE, TwistSeries(at(SECONDS), twists))
     estimate = trajectory(
         SECONDS + 0.013, circle(SECONDS), twists=twists + np.array([0.01, -0.02, 0.003])
     )
@@ -145,10 +138,10 @@ def test_velocity_errors_by_the_twists_of_the_truth():
 
 
 def test_velocity_errors_by_the_poses_of_the_truth():
-    truth = Truth(series(SECONDS, circle(SECONDS)))
+    truth = Truth(CIRCLE)
     n = len(SECONDS)
     slipping = trajectory(SECONDS, straight(SECONDS), twists=np.tile([0.51, 0.02, 0.0], (n, 1)))
-    errors = velocity_errors(slipping, Truth(series(SECONDS, straight(SECONDS))))
+    errors = velocity_errors(slipping, Truth(LINE))
     assert errors == pytest.approx(np.tile([0.01, 0.02, 0.0], (len(errors), 1)), abs=1e-9)
     turning = trajectory(SECONDS, circle(SECONDS), twists=np.tile([0.5, 0.0, 0.103], (n, 1)))
     errors = velocity_errors(turning, truth)

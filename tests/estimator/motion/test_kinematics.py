@@ -37,18 +37,13 @@ indices = st.builds(IndexValues, st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.
 twists = st.builds(PaperTwist, speeds, speeds, speeds)
 
 
-def test_icrs_by_hand():
+def test_motion_icrs_and_indices_by_hand():
     assert icrs_from_twist(V_L, V_R, TWIST) == pytest.approx(ICRS, rel=1e-14)
-
-
-def test_indices_by_hand():
     assert indices_from_icrs(ICRS, GAUGE) == pytest.approx(INDICES, rel=1e-14)
     assert icrs_from_indices(INDICES, GAUGE) == pytest.approx(ICRS, rel=1e-14)
-
-
-def test_direct_and_inverse_kinematics_by_hand():
     assert direct(V_L, V_R, INDICES, GAUGE) == pytest.approx(TWIST, rel=1e-14)
     assert inverse(TWIST.v_y, TWIST.w, INDICES, GAUGE) == pytest.approx((V_L, V_R), rel=1e-14)
+    assert symmetry_coordinates(0.2, 0.7, 0.6) == pytest.approx((-0.5, 0.62))
 
 
 def test_inertia_by_hand():
@@ -56,10 +51,6 @@ def test_inertia_by_hand():
     assert inertial_force(TWIST, MASS, X_CM, Y_CM) == pytest.approx((35.0, 8.0))
     assert inertial_force_magnitude(TWIST, MASS, X_CM, Y_CM) == pytest.approx(np.sqrt(1289.0))
     assert signed_inertia(TWIST, MASS, X_CM) == pytest.approx((-35.0, 35.0))
-
-
-def test_symmetry_coordinates_by_hand():
-    assert symmetry_coordinates(0.2, 0.7, 0.6) == pytest.approx((-0.5, 0.62))
 
 
 @pytest.mark.parametrize(

@@ -53,9 +53,6 @@ def steady(
     )
 
 
-# --- derivatives ------------------------------------------------------------------------------------
-
-
 def moving(rng: np.random.Generator, **changes: float) -> LaggedIndexMotion:
     """A model whose forces are anything but steady."""
     model = LaggedIndexMotion(VEHICLE._replace(**changes))
@@ -264,12 +261,3 @@ def test_no_parameters_make_it_leave_what_tracks_can_do(speeds, gravity, factors
     assert abs(motion.twist.v_x) <= abs(D) * (1.0 + 1e-12)
     assert motion.indices.eta >= 1.0
     assert abs(motion.force) <= WEIGHT
-
-
-@settings(max_examples=100)
-@given(V=st.floats(-1.0, 1.0), gravity=SLOPES, factors=st.tuples(*[st.floats(-9.0, 9.0)] * 9))
-def test_equal_tracks_drive_straight_on_any_slope(V, gravity, factors):
-    motion = driven(
-        LaggedIndexMotion(VEHICLE), np.full((5, 2), V), USUAL * factors, gravity=gravity
-    )
-    assert motion.twist == pytest.approx((0.0, V, 0.0), abs=1e-15)

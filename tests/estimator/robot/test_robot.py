@@ -21,16 +21,6 @@ def write(tmp_path, text):
     return path
 
 
-def refused(tmp_path, text):
-    path = write(tmp_path, text)
-    with pytest.raises(EstimatorError) as caught:
-        load_robot(path)
-    message = str(caught.value)
-    assert message.startswith(f"{path}: ")
-    assert "\n" not in message
-    return message
-
-
 def test_smallest_file_is_an_ideal_differential_drive(tmp_path):
     robot = load_robot(write(tmp_path, SMALLEST))
     assert robot.indices == Indices(H=1.0, eta0=1.0)
@@ -50,27 +40,9 @@ def test_unknown_robot_names_the_nearest():
 
 
 @pytest.mark.parametrize(
-    ("more", "found", "right"),
-    [
-        ("[indices]\nzeta_0 = 0.1", "'zeta_0' in [indices]", "'zeta0'"),
-        ("[constant_icr]\nx_icrl = -1.0", "'x_icrl' in [constant_icr]", "'x_ICRl'"),
-        (
-            "[slip.inertia-online]\nturning_z = 0.1",
-            "'turning_z' in [slip.inertia-online]",
-            "'turning_",
-        ),
-    ],
-)
-def test_misspelt_key_is_refused_with_the_nearest_right_one(tmp_path, more, found, right):
-    message = refused(tmp_path, SMALLEST + more)
-    assert f"unknown key {found}" in message
-    assert f"did you mean {right}" in message
-
-
-@pytest.mark.parametrize(
     ("more", "told"),
     [
-        ("[imu]\ngyro_noise_density = 'low'", "[imu] gyro_noise_density"),
+        ("[indices]\nzeta_0 = 0.1", "unknown key 'zeta_0' in [indices]; did you mean 'zeta0'"),
         ("[imu]\ngyro_axes = 'y'", "[imu] gyro_axes"),
         ("[indices]\neta0 = 0.9", "eta0 must be at least 1"),
         ("[constant_icr]\nx_ICRl = 0.3\nx_ICRr = 0.5", "x_ICRl < 0 < x_ICRr must hold"),
@@ -80,27 +52,23 @@ def test_misspelt_key_is_refused_with_the_nearest_right_one(tmp_path, more, foun
     ],
 )
 def test_bad_value_is_refused_and_named(tmp_path, more, told):
-    assert told in refused(tmp_path, SMALLEST + more)
+    path = write(tmp_path, SMALLEST + more)
+    with pytest.raises(EstimatorError) as caught:
+        load_robot(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_format_of_another_version_is_refused(tmp_path):
-    message = refused(tmp_path, "format = 2\n" + SMALLEST)
-    assert "format 2 is not known; this version reads 1" in message
+    with pytest.raises(EstimatorError, match="format 2 is not known; this version reads 1"):
+        load_robot(write(tmp_path, "format = 2\n" + SMALLEST))
 
 
 def test_constant_icrs_default_to_the_indices_at_no_inertia(tmp_path):
     text = SMALLEST + "[indices]\nzeta0 = 0.04\nepsilon0 = 0.1\neta0 = 2.0\neta1 = 0.01\nH = 0.6"
     constant = load_robot(write(tmp_path, text)).constant_indices
     assert constant == Indices(H=0.6, zeta0=0.04, epsilon0=0.1, eta0=2.0)
-
-
-def test_imu_rotation_takes_the_imus_axes_to_the_bodys(tmp_path):
-    # Turned a quarter to the left: the IMU's x points to the body's left.
-    robot = load_robot(write(tmp_path, SMALLEST + "[imu]\nrotation_rpy_deg = [0.0, 0.0, 90.0]"))
-    assert robot.imu_rotation @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 1.0, 0.0])
-    # Upside down, rolled by half a turn: what is up for the IMU is down for the body.
-    robot = load_robot(write(tmp_path, SMALLEST + "[imu]\nrotation_rpy_deg = [180.0, 0.0, 0.0]"))
-    assert robot.imu_rotation @ [0.0, 0.0, 1.0] == pytest.approx([0.0, 0.0, -1.0])
 
 
 VEHICLE = {"mass": 30.0, "track_gauge": 0.42, "sprocket_radius": 0.1}

@@ -1,50 +1,32 @@
 """Track speeds that are unknown: what the filter reports while they are stale or stuck."""
 
-import msgspec
 import numpy as np
 import pytest
 
+from agreement_scenes import with_stuck_track
 from icreckon import Log, PoseEstimator, Scenario, Settings, load_robot, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.constants import REGRESSOR_SMOOTHING
 from icreckon.estimator.filter.process_noise import Disturbances
-from icreckon.estimator.log.measurements import ImuSample, Measurement, TrackSpeeds
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.reference.ekf import IcrEkf, ProcessNoise
 from icreckon.estimator.robot.variants import find_variant, slip_of
 from icreckon.estimator.sensors.held_tracks import SMOOTHING, TrackRecord, take_tracks
 from icreckon.estimator.sensors.input_settings import input_settings
+from same_runs import without
 
 SECOND = 1_000_000_000
 ROBOT = load_robot("auriga-alpha")
 FASTEST = ROBOT.vehicle.max_track_speed
-# Track speeds are unknown from here to the end [s].
-FROM, UNTIL = 8.0, 14.0
+FROM = 8.0
+"""When a driver stops sending track speeds [s]."""
 VARIANTS = ("constant-online", "inertia-online")
 
 
 @pytest.fixture(scope="module")
 def log() -> Log:
-    scenario = Scenario(duration=UNTIL, seed=3, trajectory="slalom", fix_rate=0.0)
+    scenario = Scenario(duration=14.0, seed=3, trajectory="slalom", fix_rate=0.0)
     return simulate(scenario, ROBOT)
-
-
-def stale(log: Log) -> list[Measurement]:
-    """Measurements of a driver that stops sending."""
-    since = log.start + round(FROM * SECOND)
-    return [m for m in log.measurements() if m.stamp < since or not isinstance(m, TrackSpeeds)]
-
-
-def stuck(log: Log) -> list[Measurement]:
-    """Measurements of a left track whose sensor repeats itself."""
-    since, found, last = log.start + round(FROM * SECOND), [], None
-    for m in log.measurements():
-        if isinstance(m, TrackSpeeds):
-            last = m if last is None or m.stamp < since else last
-            found.append(TrackSpeeds(m.stamp, last.left, m.right))
-        else:
-            found.append(m)
-    return found
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -52,7 +34,7 @@ def test_a_stale_speed_dies_away_and_no_accelerometer_moves_it(log: Log, variant
     """A yaw rate times a speed is a force; an unknown speed may not follow from it."""
     estimator = PoseEstimator(ROBOT, variant)
     found = []
-    for m in stale(log):
+    for m in without(log, "tracks", FROM, 99.0).measurements():
         estimator.feed(m)
         if m.stamp > log.start + round(FROM * SECOND):
             sigma = np.sqrt(np.diagonal(estimator.twist_covariance))
@@ -67,7 +49,7 @@ def test_a_stale_speed_dies_away_and_no_accelerometer_moves_it(log: Log, variant
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_a_stuck_speed_is_not_moved_by_the_accelerometer(log: Log, variant: str) -> None:
     estimator = PoseEstimator(ROBOT, variant)
-    for m in stuck(log):
+    for m in with_stuck_track(log).measurements():
         estimator.feed(m)
         assert abs(estimator.twist[0]) < 1.2 * FASTEST
         assert np.sqrt(estimator.twist_covariance[0, 0]) < 1.001 * FASTEST
@@ -136,32 +118,3 @@ def test_derivatives_by_the_parameters_are_of_the_turn_that_tracks_and_yaw_rate_
         expected = (twists[0] - twists[1]) / (2.0 * step)
         found = ekf.regressors[:, i - s.PARAMETERS.start]
         assert found == pytest.approx(expected, rel=1e-3, abs=1e-5), i
-
-
-def test_noise_at_a_high_rate_teaches_no_wrong_parameter():
-    # Without slip, and with a gyro that is good, the mean error of eta0 is that of errors in variables.
-    rate, density, errors = 400, ROBOT.tracks.speed_noise_density, []
-    imu = msgspec.structs.replace(ROBOT.imu, gyro_bias_sigma=1e-4)
-    robot = msgspec.structs.replace(ROBOT, imu=imu)
-    icr_width = (
-        PoseEstimator(robot, "constant-online").parameters["eta0"] * robot.vehicle.track_gauge
-    )
-    for seed in range(3):
-        rng = np.random.default_rng(seed)
-        estimator = PoseEstimator(
-            robot, "constant-online", settings=Settings(use_accelerometer=False)
-        )
-        for k in range(20 * rate):
-            stamp, phase = k * SECOND // rate, 0.5 * k / rate
-            left, right = 0.4 + 0.2 * np.sin(phase), 0.4 - 0.2 * np.cos(phase)
-            noise = density * np.sqrt(rate) * rng.normal(size=2)
-            estimator.feed(TrackSpeeds(stamp, left + noise[0], right + noise[1]))
-            w = (right - left) / icr_width
-            w += robot.imu.gyro_noise_density * np.sqrt(rate) * rng.normal()
-            # The first step begins with the first track speeds.
-            if k:
-                estimator.feed(ImuSample(stamp, (0.0, 0.0, w)))
-        start = PoseEstimator(robot, "constant-online").state[s.ETA0]
-        sigma = np.sqrt(estimator.covariance[s.ETA0, s.ETA0])
-        errors.append((estimator.state[s.ETA0] - start) / sigma)
-    assert abs(np.mean(errors)) < 0.3

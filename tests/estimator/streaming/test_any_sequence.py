@@ -1,15 +1,23 @@
 """Any sequence of calls: documented errors only, a positive covariance, and copies that go on alike."""
 
 import threading
-from functools import cache, partial
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 
 import numpy as np
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
 
-from fed_estimators import flaw
-from icreckon import EstimatorError, Latencies, PoseEstimator, load_robot
+from fed_estimators import feed_all, flaw, known_with_health, result_of, short_log
+from icreckon import Latencies, PoseEstimator, load_robot
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -40,7 +48,6 @@ DELAYS = st.one_of(
     st.integers(-(10**9), 10**9),
     st.sampled_from([-(10**12), 10**11, 10**15, -(2**62), 2**62, 2**63, 10**400, 0.5, None]),
 )
-PHASES = [Phase.explicit, Phase.generate]
 SIGMAS = st.sampled_from([0.0, 1e-3, 10.0, 1e6])
 
 
@@ -58,24 +65,6 @@ def made(variant, history, patience, wanders, sigma, watches):
         start_sigma=(sigma, sigma, min(sigma, 10.0)),
         latencies=Latencies(estimate_tracks=watches, position=0.02),
     )
-
-
-def known(estimator):
-    arrays = estimator.state, estimator.covariance, estimator.twist, estimator.twist_covariance
-    return (
-        estimator.stamp,
-        estimator.stands,
-        estimator.health,
-        estimator.marks,
-        *(array.tobytes() for array in arrays),
-    )
-
-
-def result_of(call, estimator):
-    try:
-        return call(estimator)
-    except EstimatorError as problem:
-        return str(problem)
 
 
 class AnySequence(RuleBasedStateMachine):
@@ -210,7 +199,7 @@ class AnySequence(RuleBasedStateMachine):
     @invariant()
     def the_copy_is_equal(self):
         if getattr(self, "copied", None) is not None:
-            assert known(self.copied) == known(self.estimator)
+            assert known_with_health(self.copied) == known_with_health(self.estimator)
 
 
 def test_any_sequence_of_calls(tmp_path):
@@ -218,69 +207,23 @@ def test_any_sequence_of_calls(tmp_path):
     limits = settings(
         max_examples=40,
         stateful_step_count=40,
-        phases=PHASES,
+        phases=[Phase.explicit, Phase.generate],
         suppress_health_check=list(HealthCheck),
     )
-    from hypothesis.stateful import run_state_machine_as_test
-
     run_state_machine_as_test(AnySequence, settings=limits)
 
 
-def drive(seed):
-    """A drive with fixes, some of them late."""
-    rng = np.random.default_rng(seed)
-    for k in range(400):
-        stamp, (left, right) = EPOCH + k * STEP, rng.normal(0.5, 0.1, 2).tolist()
-        rate = 0.8 * (right - left)
-        yield TrackSpeeds(stamp, left, right)
-        yield ImuSample(stamp + 3, (0.0, 0.0, rate), tuple(rng.normal([0.0, 0.0, 9.81], 0.1)))
-        if k % 7 == 0:
-            yield PositionFix(
-                stamp - int(rng.integers(0, 20)) * STEP, *rng.normal(0.0, 0.1, 2), 1.0
-            )
-
-
-def fed(estimator, measurements):
-    for k, m in enumerate(measurements):
-        estimator.feed(m)
-        if k == 300:
-            estimator.mark()
-        if k == 350:
-            estimator.forget(estimator.marks[0])
-    return known(estimator)
-
-
-THREADS = ("gyro", "full-linear", "inertia-online")
-
-
-def together(*functions):
-    """Run functions in threads that start at the same time."""
-    begin, failed = threading.Barrier(len(functions)), []
-
-    def work(function):
-        begin.wait()
-        try:
-            function()
-        except Exception as problem:
-            failed.append(problem)
-
-    threads = [threading.Thread(target=work, args=(function,)) for function in functions]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert not failed
-
-
 def test_estimators_in_several_threads_are_those_of_one():
-    jobs = [(variant, seed) for variant in THREADS for seed in range(2)]
-    options = {"start_sigma": (0.1, 0.1, 0.1)}
-    drives = {seed: list(drive(seed)) for seed in range(2)}
-    alone = [fed(PoseEstimator(ALPHA, name, **options), drives[seed]) for name, seed in jobs]
-    found = {}
+    jobs = [(variant, seed) for variant in ("gyro", "inertia-online") for seed in range(2)]
+    logs = [short_log(duration=4.0, seed=seed) for seed in range(2)]
+    begin = threading.Barrier(len(jobs))
 
-    def work(name, seed):
-        found[name, seed] = fed(PoseEstimator(ALPHA, name, **options), drives[seed])
+    def fed(job):
+        return known_with_health(feed_all(PoseEstimator(ALPHA, job[0]), logs[job[1]]))
 
-    together(*(partial(work, *job) for job in jobs))
-    assert [found[job] for job in jobs] == alone
+    def together(job):
+        begin.wait()
+        return fed(job)
+
+    with ThreadPoolExecutor(len(jobs)) as threads:
+        assert list(threads.map(together, jobs)) == list(map(fed, jobs))

@@ -51,50 +51,31 @@ def runs(scenario, variant, settings=None):
     return np.array([one[:shortest] for one in nees]), nis, degrees
 
 
-@pytest.fixture(scope="module")
-def as_shipped():
-    return runs(SCENARIO, "inertia-online")
+# The simulated slip has no white part.
+SLIP = msgspec.structs.replace(TRUE_SLIP, white_time=0.0)
 
 
-@pytest.fixture(scope="module")
-def with_true_slip():
-    # The simulated slip has no white part.
-    slip = msgspec.structs.replace(TRUE_SLIP, white_time=0.0)
-    return runs(IN_STEP, "inertia-fixed", Settings(slip=slip))
-
-
-def test_pose_is_as_uncertain_as_it_says(as_shipped):
-    nees, _, _ = as_shipped
+def test_pose_and_innovations_of_the_shipped_filter_are_as_uncertain_as_it_says():
+    nees, nis, degrees = runs(SCENARIO, "inertia-online")
     # Pose errors under fixes once a second are correlated over some 10 s: 5 independent samples a run.
     # Above, the mean of so many chi-square variables of 3 degrees; below, half: the filter expects more
     # slip than this simulation has, and may be careful, but not much.
     spread = np.sqrt(6.0 / (5 * RUNS))
     assert 1.5 < nees.mean() < 3.0 + 3.0 * spread
-
-
-def test_no_run_of_its_own_is_far_too_sure(as_shipped):
-    nees, _, _ = as_shipped
-    # The mean of 5 chi-square variables of 3 degrees, once in a thousand for each of the runs.
+    # No run of its own is far too sure: the mean of 5 such variables, once in a thousand for each.
     assert nees.mean(axis=1).max() < chi2.isf(1e-3, 15) / 5
-
-
-def test_position_innovations_are_white_noise_as_large_as_expected(with_true_slip):
-    _, nis, degrees = with_true_slip
-    low, high = chi2.interval(0.99, degrees["position"])
-    assert low < nis["position"] < high
-
-
-def test_shipped_filter_expects_no_smaller_innovations_than_there_are(as_shipped):
-    _, nis, degrees = as_shipped
+    # Innovations are no larger than expected ...
     assert nis["position"] < chi2.isf(0.005, degrees["position"])
-    # Nor ones that are larger by a fifth: then fixes would say too little.
+    # ... nor smaller by a fifth: then fixes would say too little.
     assert nis["position"] > 0.8 * degrees["position"]
     for sensor in ("gyro", *ACCELEROMETERS):
         assert nis[sensor] < 1.5 * degrees[sensor]
 
 
-def test_imu_innovations_are_as_large_as_expected_when_the_slip_is_known(with_true_slip):
-    _, nis, degrees = with_true_slip
+def test_innovations_are_white_noise_as_large_as_expected_when_the_slip_is_known():
+    _, nis, degrees = runs(IN_STEP, "inertia-fixed", Settings(slip=SLIP))
+    low, high = chi2.interval(0.99, degrees["position"])
+    assert low < nis["position"] < high
     # Some 45000 samples: statistics leave 0.01. The rest is for the track speeds, which come late by an
     # amount that only a bound is known of.
     assert nis["gyro"] / degrees["gyro"] == pytest.approx(1.0, abs=0.15)
@@ -107,8 +88,7 @@ def test_innovations_of_accelerometers_are_as_large_as_expected_without_that_dou
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """By the textbook, which a test holds the filter to: some 6000 samples, statistics leave 0.02."""
-    slip = msgspec.structs.replace(TRUE_SLIP, white_time=0.0)
-    robot = msgspec.structs.replace(ALPHA, slip={"inertia-fixed": slip})
+    robot = msgspec.structs.replace(ALPHA, slip={"inertia-fixed": SLIP})
     squares: list[list[float]] = [[], []]
 
     def judged(imu, axis, force, at, x, density):

@@ -12,7 +12,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.log.measurements import HeadingFix, ImuSample, PoseFix, TrackSpeeds
 from icreckon.estimator.motion.icr import IndexValues, direct
-from icreckon.estimator.robot.robot_file import Indices, Robot, load_robot
+from icreckon.estimator.robot.robot_file import Indices, load_robot
 from icreckon.simulation.truth.true_motion import exponential
 
 ALPHA = load_robot("auriga-alpha")
@@ -63,13 +63,9 @@ def driven(
     return pose
 
 
-def fresh(variant: str = "constant-online", robot: Robot = CONSTANT) -> PoseEstimator:
-    return PoseEstimator(robot, variant)
-
-
 @pytest.mark.parametrize("variant", ["inertia-online", "constant-online"])
 def test_standing_on_a_slope_shows_gravity_less_bias_and_the_gyros_bias(variant: str) -> None:
-    estimator = fresh(variant)
+    estimator = PoseEstimator(CONSTANT, variant)
     driven(estimator, np.zeros((1500, 2)))
     assert estimator.stands
     assert np.abs(estimator.pose).max() < 0.02
@@ -83,19 +79,15 @@ def test_standing_on_a_slope_shows_gravity_less_bias_and_the_gyros_bias(variant:
         assert together < 0.01
         assert abs(row @ estimator.state - (GRAVITY - BIAS)[axis]) < 4.0 * together
         # Which of them it is, a standing robot does not show.
-        assert sigma[gravity] > 0.5 * robot_sigma(estimator)
-        assert sigma[bias] > 0.5 * robot_sigma(estimator)
-
-
-def robot_sigma(estimator: PoseEstimator) -> float:
-    return float(estimator.robot.imu.accelerometer_bias_sigma)
+        assert sigma[gravity] > 0.5 * ALPHA.imu.accelerometer_bias_sigma
+        assert sigma[bias] > 0.5 * ALPHA.imu.accelerometer_bias_sigma
 
 
 @pytest.mark.parametrize("axes", ["z", "xyz"])
 def test_turning_on_a_slope_tells_gravity_from_bias(axes: str) -> None:
     """To both sides: in a steady turn, biases of roll and pitch rate look like those of the forces."""
     imu = msgspec.structs.replace(CONSTANT.imu, gyro_axes=axes)
-    estimator = fresh(robot=msgspec.structs.replace(CONSTANT, imu=imu))
+    estimator = PoseEstimator(msgspec.structs.replace(CONSTANT, imu=imu), "constant-online")
     speeds = np.concatenate([np.tile([-0.2, 0.4], (3000, 1)), np.tile([0.4, -0.2], (1000, 1))])
     end = driven(estimator, speeds, fix_every=50)
     assert abs(end[2]) > 4.0 * np.pi
@@ -104,7 +96,7 @@ def test_turning_on_a_slope_tells_gravity_from_bias(axes: str) -> None:
     down = np.array([[cos, sin], [-sin, cos]]) @ GRAVITY
     for axis in range(2):
         bias, gravity = s.ACCELEROMETER_BIAS_X + axis, s.GRAVITY_X + axis
-        assert sigma[bias] < 0.3 * robot_sigma(estimator)
+        assert sigma[bias] < 0.3 * ALPHA.imu.accelerometer_bias_sigma
         assert abs(estimator.state[bias] - BIAS[axis]) < 4.0 * sigma[bias]
         assert abs(estimator.state[gravity] - down[axis]) < 4.0 * sigma[gravity]
 
@@ -126,7 +118,7 @@ def test_a_fix_that_turns_the_yaw_leaves_gravity_in_base_link() -> None:
 )
 def test_radii_that_differ_are_learnt(variant: str, difference: float) -> None:
     tracks = msgspec.structs.replace(CONSTANT.tracks, difference_sigma=0.05)
-    estimator = fresh(variant, msgspec.structs.replace(CONSTANT, tracks=tracks))
+    estimator = PoseEstimator(msgspec.structs.replace(CONSTANT, tracks=tracks), variant)
     t = DT * np.arange(3000)
     forward = 0.5 + 0.4 * np.sin(0.2 * t)
     speeds = forward[:, None] + 0.15 * np.sin(0.5 * t)[:, None] * [-1.0, 1.0]

@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from fed_estimators import known
 from icreckon import EstimatorError, PoseEstimator, TrackSpeedSeries, load_robot
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -78,19 +79,13 @@ def drive(estimator, start):
     return start + 30 * STEP
 
 
-def known(estimator):
-    arrays = estimator.state, estimator.covariance, estimator.twist
-    return estimator.stamp, *(array.tobytes() for array in arrays)
-
-
 def count_of(estimator):
     return sum(estimator.health.rejections().values())
 
 
 @pytest.mark.parametrize("started", [False, True])
 def test_what_is_no_number_is_an_error_and_what_is_beyond_floats_is_rejected(started):
-    settings = Settings()
-    odd, even = (PoseEstimator(ALPHA, settings=settings) for _ in range(2))
+    odd, even = PoseEstimator(ALPHA), PoseEstimator(ALPHA)
     if started:
         for estimator in (odd, even):
             drive(estimator, EPOCH)

@@ -7,14 +7,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from fed_estimators import assert_same, feed_all, remembered, short_log
+from fed_estimators import feed_all, known, short_log
 from icreckon import BodyVelocity, HeadingFix, ImuSample, Log, PoseFix, PositionFix, TrackSpeeds
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import arc_factors, relative, wrap_angle
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP
-from icreckon.estimator.robot.robot_file import Indices, Slip, Slope, load_robot
+from icreckon.estimator.robot.robot_file import Slip, load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
 from icreckon.estimator.robot.variants import (
     VARIANTS,
@@ -22,7 +22,6 @@ from icreckon.estimator.robot.variants import (
     initial_parameters,
     motion_model,
 )
-from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -39,7 +38,7 @@ def seconds(value):
     return round(value * 1e9)
 
 
-def drive(estimator, start, duration, left, right, *, bias=0.0, noise=None, imu=True):
+def drive(estimator, start, duration, left, right, *, imu=True):
     """Feed driving at constant track speeds with sensors that agree with the robot file.
 
     Returns the last stamp. The forces build up from nothing, as they do in a filter that begins there.
@@ -47,7 +46,6 @@ def drive(estimator, start, duration, left, right, *, bias=0.0, noise=None, imu=
     variant = find_variant("inertia-fixed")
     model = motion_model(estimator.robot, variant)
     parameters = initial_parameters(estimator.robot, variant)
-    density = estimator.robot.imu.gyro_noise_density
     stamp = start
     for k in range(round(duration * 100) + 1):
         stamp = start + k * STEP
@@ -58,10 +56,7 @@ def drive(estimator, start, duration, left, right, *, bias=0.0, noise=None, imu=
         rightward, v_x, w = model.linearise(left, right, parameters, NO_SLIP, LEVEL)[0].twist
         v_y = -rightward
         if imu:
-            error = 0.0 if noise is None else density * 10.0 * noise.normal()
-            estimator.feed(
-                ImuSample(stamp, (0.0, 0.0, w + bias + error), (-w * v_y, w * v_x, GRAVITY))
-            )
+            estimator.feed(ImuSample(stamp, (0.0, 0.0, w), (-w * v_y, w * v_x, GRAVITY)))
     return stamp
 
 
@@ -99,9 +94,10 @@ def test_bend_is_the_circle_of_the_model(variant, tracks):
     drive(other, EPOCH, 5.0, *tracks)
     forward, left, angle = estimator.twist * (estimator.stamp - other.stamp) * 1e-9
     a, b = arc_factors(angle)
-    assert relative(other.pose, estimator.pose) == pytest.approx(
-        [a * forward - b * left, b * forward + a * left, wrap_angle(angle)], abs=1e-9
-    )
+    way = [a * forward - b * left, b * forward + a * left]
+    assert relative(other.pose, estimator.pose)[:2] == pytest.approx(way, abs=1e-9)
+    # Full turns count.
+    assert estimator.pose[2] - other.pose[2] == pytest.approx(angle, abs=1e-9)
     assert estimator.parameters == pytest.approx(PoseEstimator(ALPHA, variant).parameters)
 
 
@@ -125,76 +121,6 @@ def test_at_the_icr_a_track_does_not_slip():
         assert v_y + w * x == pytest.approx(0.0, abs=1e-9)
 
 
-def test_yaw_counts_full_turns():
-    estimator = PoseEstimator(ALPHA)
-    drive(estimator, EPOCH, 30.0, -0.4, 0.6)
-    assert estimator.pose[2] > 2.5 * 2.0 * np.pi
-
-
-def test_standstill_pins_the_gyro_bias_and_freezes_the_pose():
-    estimator = PoseEstimator(ALPHA)
-    bias = 0.012
-    drive(estimator, EPOCH, 60.0, 0.0, 0.0, bias=bias, noise=np.random.default_rng(0))
-    assert estimator.stands
-    # Half a second to be sure of it, then every IMU sample.
-    assert estimator.health.standstill_updates == 6001 - 50
-    assert np.hypot(*estimator.pose[:2]) < 1e-3
-    # Until then no reading is trusted as the bias, since the first may be a shaken one.
-    assert abs(np.degrees(estimator.pose[2] - 0.5 * bias)) < 0.1
-    sigma = math.sqrt(estimator.covariance[s.GYRO_BIAS, s.GYRO_BIAS])
-    # White noise averaged over a minute, plus the walk of the bias over the time that noise forgets.
-    assert sigma < 2.0 * 5e-4 / math.sqrt(60.0) + 1e-4
-    assert abs(estimator.biases["gyro_bias"] - bias) < 4.0 * sigma
-
-
-def test_uncertainty_does_not_grow_at_a_standstill():
-    estimator, stamp = driven()
-    stamp = drive(estimator, stamp + STEP, 5.0, 0.0, 0.0)
-    before = np.sqrt(np.diagonal(estimator.pose_covariance))
-    drive(estimator, stamp + STEP, 60.0, 0.0, 0.0)
-    grown = np.sqrt(np.diagonal(estimator.pose_covariance)) - before
-    assert (grown < [1e-3, 1e-3, 1e-3]).all()
-
-
-def test_gyro_bias_shows_in_the_heading_of_straight_driving_with_fixes():
-    rng = np.random.default_rng(0)
-    estimator = PoseEstimator(ALPHA)
-    bias, stamp = 0.015, EPOCH
-    for k in range(120):
-        stamp = drive(estimator, stamp + STEP, 1.0, 0.5, 0.5, bias=bias, noise=rng)
-        x = 0.5 * (estimator.stamp - EPOCH - STEP) * 1e-9
-        dx, dy = 0.05 * rng.normal(size=2)
-        assert estimator.feed(PositionFix(estimator.stamp, x + dx, dy, 0.05**2)) or k < 3
-    sigma = math.sqrt(estimator.covariance[s.GYRO_BIAS, s.GYRO_BIAS])
-    assert sigma < 2e-3
-    assert abs(estimator.biases["gyro_bias"] - bias) < 3.0 * sigma
-
-
-@pytest.mark.parametrize("position", [(0.0, 0.0, 0.0), (0.5, 0.4, 0.2), (-0.3, -0.6, 0.0)])
-def test_accelerometer_is_expected_to_read_what_it_reads_at_its_place(position):
-    # ICRs far ahead of the origin, so that v_y and its change count.
-    robot = msgspec.structs.replace(
-        ALPHA,
-        indices=Indices(zeta0=0.3, eta0=1.5, eta2=1e-30, epsilon_F=0.0),
-        imu=msgspec.structs.replace(ALPHA.imu, position=position),
-        slope=Slope(sigma=0.0, walk=0.0),
-    )
-    perfect = Scenario(
-        duration=20.0,
-        trajectory="slalom",
-        truth="kinematic",
-        truth_spread=0.0,
-        noise="perfect",
-        fix_rate=0.0,
-    )
-    estimator = feed_all(PoseEstimator(robot, "inertia-fixed"), simulate(perfect, robot))
-    for axis, name in enumerate(ACCELEROMETERS):
-        # Without sensor noise, what is left is the slip of the simulation and the lateness of the tracks.
-        assert estimator.health.sensors[name].nis_per_degree < 0.5
-        assert abs(estimator.state[s.ACCELEROMETER_BIAS_X + axis]) < 2e-3, name
-    assert estimator.health.rejections() == {}
-
-
 # --- bad measurements -------------------------------------------------------------------------------
 
 NAN, INF = math.nan, math.inf
@@ -205,58 +131,29 @@ BAD = [
     ("tracks: duplicate stamp", lambda t: TrackSpeeds(t, 0.9, 0.1)),
     ("tracks: older than Settings.history", lambda t: TrackSpeeds(t - LONG_AGO, 0.9, 0.1)),
     ("imu: not finite", lambda t: ImuSample(t + LATER, (INF, 0.0, 0.0), (0.0, 0.0, 9.8))),
-    ("imu: not finite", lambda t: ImuSample(t + LATER, (0.0, 0.0, 0.1), (0.0, NAN, 9.8))),
     ("imu: absurd rate", lambda t: ImuSample(t + LATER, (0.0, -101.0, 0.1))),
     ("imu: absurd force", lambda t: ImuSample(t + LATER, (0.0, 0.0, 0.1), (0.0, 1e9, 9.8))),
     ("imu: duplicate stamp", lambda t: ImuSample(t, (0.0, 0.0, 3.0))),
     ("imu: older than Settings.history", lambda t: ImuSample(t - LONG_AGO, (0.0, 0.0, 3.0))),
-    ("position: not finite", lambda t: PositionFix(t + LATER, 0.0, INF, 0.01)),
     ("position: variance not positive", lambda t: PositionFix(t + LATER, 0.0, 0.0, 0.0)),
     ("position: variance not positive", lambda t: PositionFix(t + LATER, 0.0, 0.0, NAN)),
-    ("position: variance not positive", lambda t: PositionFix(t + LATER, 0.0, 0.0, INF)),
     ("position: older than Settings.history", lambda t: PositionFix(t - LONG_AGO, 0.0, 0.0, 0.01)),
-    ("heading: not finite", lambda t: HeadingFix(t + LATER, NAN, 0.01)),
     ("heading: variance not positive", lambda t: HeadingFix(t + LATER, 0.0, 0.0)),
-    ("heading: older than Settings.history", lambda t: HeadingFix(t - LONG_AGO, 0.0, 0.01)),
-    ("body velocity: not finite", lambda t: BodyVelocity(t + LATER, 0.1, NAN, 0.01)),
     ("body velocity: absurdly fast", lambda t: BodyVelocity(t + LATER, 0.1, -1e8, 0.01)),
     ("body velocity: variance not positive", lambda t: BodyVelocity(t + LATER, 0.1, 0.0, -0.1)),
-    (
-        "body velocity: older than Settings.history",
-        lambda t: BodyVelocity(t - LONG_AGO, 0.1, 0.0, 0.1),
-    ),
     ("position: gate", lambda t: PositionFix(t, 20.0, 0.0, 0.01)),
     ("heading: gate", lambda t: HeadingFix(t, 2.5, 0.001)),
     ("pose: gate", lambda t: PoseFix(t, 20.0, 0.0, 0.0, 0.01 * np.eye(3))),
 ]
 
 
-@pytest.mark.parametrize(
-    ("reason", "make"), BAD, ids=[f"{i} {bad[0]}" for i, bad in enumerate(BAD)]
-)
+@pytest.mark.parametrize(("reason", "make"), BAD)
 def test_measurement_that_cannot_be_right_is_counted_and_changes_nothing(reason, make):
     estimator, stamp = driven()
-    before = remembered(estimator)
+    before = known(estimator)
     assert estimator.feed(make(stamp)) is False
-    assert_same(before, remembered(estimator))
+    assert known(estimator) == before
     assert estimator.health.rejections() == {reason: 1}
-
-
-# The slip that is redrawn with each sample has a standard deviation of 0.2 rad/s in this bend.
-@pytest.mark.parametrize("spike", [1.0, -2.0, 95.0])
-def test_spike_of_the_gyro_is_a_jump_and_moves_nothing(spike):
-    estimator = PoseEstimator(ALPHA)
-    stamp = drive(estimator, EPOCH, 5.0, 0.3, 0.6)
-    x, P = estimator.state, estimator.covariance
-    w = estimator.twist[2]
-    v_x, v_y, _ = estimator.twist
-    sample = ImuSample(stamp + STEP, (0.0, 0.0, w + spike), (-w * v_y, w * v_x, GRAVITY))
-    assert estimator.feed(sample) is False
-    assert estimator.health.rejections() == {"gyro: jumped": 1}
-    # Its accelerometer, which is right, may stay; nothing else does.
-    sigma = np.sqrt(np.diagonal(P))[s.PARAMETERS.start :]
-    moved = np.abs(estimator.state - x)[s.PARAMETERS.start :]
-    assert (moved <= 0.01 * sigma).all()
 
 
 @pytest.mark.parametrize(
@@ -280,21 +177,6 @@ def test_robot_that_was_turned_by_hand_is_found_again():
         used.append(estimator.feed(HeadingFix(stamp, yaw, 1e-4)))
     assert used == [False] * 6 + [True] * 2
     assert wrap_angle(estimator.pose[2] - yaw) == pytest.approx(0.0, abs=0.01)
-
-
-def test_accelerometer_with_an_unexpected_bias_is_taken_in_at_last():
-    # Tilted by 17 degrees: thirty times the standard deviation of the robot file.
-    estimator = PoseEstimator(ALPHA)
-    for k in range(2000):
-        stamp = EPOCH + k * STEP
-        if k % 2 == 0:
-            estimator.feed(TrackSpeeds(stamp, 0.5, 0.5))
-        estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 3.0, 9.3)))
-    assert estimator.health.sensors["accelerometer_y"].used > 1500
-    # Straight ahead, a bias is the same as a slope.
-    found = estimator.biases["accelerometer_bias_y"] - estimator.state[s.GRAVITY_Y]
-    assert found == pytest.approx(3.0, abs=0.1)
-    assert estimator.pose[2] == pytest.approx(0.0, abs=0.02)
 
 
 # --- gaps -------------------------------------------------------------------------------------------
@@ -336,40 +218,22 @@ def test_a_gap_is_bridged_with_the_speeds_before_it_dying_away():
     assert estimator.pose == pytest.approx([expected, 0.0, 0.0], abs=1e-6)
 
 
-@pytest.mark.parametrize("late", [3.0])
-def test_imu_samples_before_the_first_track_speeds_say_nothing_of_the_bias(late):
+def test_imu_samples_before_the_first_track_speeds_say_nothing_of_the_bias():
     """The usual start order of a robot: the IMU is there first, and the robot may be moving."""
     V_l, V_r = 0.3, 0.6
     estimator = PoseEstimator(ALPHA, "inertia-fixed")
     drive(estimator, EPOCH, 5.0, V_l, V_r, imu=False)
     rate = float(estimator.twist[2])
     estimator = PoseEstimator(ALPHA)
-    for k in range(round(late * 100)):
+    for k in range(300):
         assert not estimator.feed(ImuSample(EPOCH + k * STEP, (0.0, 0.0, rate), None))
-    assert estimator.stamp is None
-    assert estimator.health.sensor("imu").rejected == {
-        "before the first track speeds": round(late * 100)
-    }
-    start = EPOCH + seconds(late)
+    start = EPOCH + 300 * STEP
     for k in range(1, 3001):
         if k % 2 == 0:
             estimator.feed(TrackSpeeds(start + k * STEP, V_l, V_r))
         estimator.feed(ImuSample(start + k * STEP, (0.0, 0.0, rate), None))
     assert estimator.pose[2] == pytest.approx(rate * 29.98, abs=0.02)
     assert abs(estimator.biases["gyro_bias"]) < 1e-3
-
-
-def test_a_robot_that_is_pushed_with_resting_tracks_turns_and_keeps_its_bias():
-    estimator = PoseEstimator(ALPHA)
-    stamp = drive(estimator, EPOCH, 3.0, 0.0, 0.0, imu=True)
-    bias = estimator.biases["gyro_bias"]
-    for k in range(1, 1001):
-        if k % 2 == 0:
-            estimator.feed(TrackSpeeds(stamp + k * STEP, 0.0, 0.0))
-        estimator.feed(ImuSample(stamp + k * STEP, (0.0, 0.0, 0.4), (0.0, 0.0, GRAVITY)))
-    assert estimator.pose[2] == pytest.approx(4.0, abs=0.1)
-    assert estimator.biases["gyro_bias"] == pytest.approx(bias, abs=0.005)
-    assert not estimator.stands
 
 
 def test_without_fixes_the_imu_does_not_move_the_track_scale(robot):
@@ -389,26 +253,20 @@ def test_without_fixes_the_imu_does_not_move_the_track_scale(robot):
     assert estimator.biases["track_scale"] == pytest.approx(scale - 1.0, abs=3.0 * sigma)
 
 
-def test_fixes_of_another_clock_do_not_move_the_estimate() -> None:
+def test_fixes_of_another_clock_are_refused_and_a_clock_of_all_sensors_is_believed() -> None:
     estimator = PoseEstimator(ALPHA)
-    stamp = drive(estimator, EPOCH, 2.0, 0.5, 0.5, imu=True)
+    stamp = drive(estimator, EPOCH, 2.0, 0.5, 0.5)
     for k in range(30):
         assert not estimator.feed(PositionFix(stamp + seconds(3600.0 + k), 1.0, 0.0, 0.01))
     assert estimator.health.sensor("position").rejected == {"stamp far ahead": 30}
-    stamp = drive(estimator, stamp, 1.0, 0.5, 0.5, imu=True)
+    stamp = drive(estimator, stamp + STEP, 1.0, 0.5, 0.5)
     assert estimator.pose[0] == pytest.approx(1.5, abs=0.02)
-
-
-def test_one_stamp_far_ahead_is_refused_but_a_clock_that_stays_there_is_believed():
-    estimator = PoseEstimator(ALPHA)
-    stamp = drive(estimator, EPOCH, 2.0, 0.5, 0.5, imu=True)
-    hour = seconds(3600.0)
-    assert not estimator.feed(ImuSample(stamp + hour, (0.0, 0.0, 0.0), None))
+    # One stamp far ahead is refused, too, but a clock that stays there is believed.
+    ahead = stamp + seconds(3600.0)
+    assert not estimator.feed(ImuSample(ahead, (0.0, 0.0, 0.0), None))
     assert estimator.health.sensor("imu").rejected == {"stamp far ahead": 1}
-    stamp = drive(estimator, stamp, 1.0, 0.5, 0.5, imu=True)
-    assert estimator.pose[0] == pytest.approx(1.5, abs=0.02)
-    drive(estimator, stamp + hour, 1.0, 0.5, 0.5, imu=True)
-    assert estimator.stamp == stamp + hour + seconds(1.0)
+    drive(estimator, ahead, 1.0, 0.5, 0.5)
+    assert estimator.stamp == ahead + seconds(1.0)
 
 
 # --- house-keeping ----------------------------------------------------------------------------------
@@ -427,20 +285,12 @@ def test_only_online_variants_change_their_parameters(variant):
     assert np.isfinite(estimator.state).all()
 
 
-@pytest.mark.parametrize("first", [1.0, 7.7, 1e6])
-def test_the_first_measurement_sets_the_clock_and_nothing_else(first):
-    estimator = PoseEstimator(ALPHA)
-    estimator.feed(TrackSpeeds(seconds(first), 0.5, 0.5))
-    assert estimator.stamp == seconds(first)
-    assert estimator.pose.tolist() == [0.0, 0.0, 0.0]
-
-
 def test_what_is_read_is_a_copy():
     estimator, _ = driven()
-    before = remembered(estimator)
+    before = known(estimator)
     for array in (estimator.pose, estimator.pose_covariance, estimator.state, estimator.covariance):
         array[:] = 99.0
-    assert_same(before, remembered(estimator))
+    assert known(estimator) == before
 
 
 def test_snapshot_says_what_the_properties_say():
@@ -471,8 +321,8 @@ def test_a_robot_that_is_on_its_way_at_the_start_has_slip_already(variant):
     assert np.all(np.diagonal(later.covariance)[s.SLIP] == 0.0)
 
 
-@pytest.mark.parametrize("back", [3600.0])
-def test_a_clock_that_is_set_back_for_good_is_followed(back):
+def test_a_clock_that_is_set_back_for_good_is_followed():
+    back = 3600.0
     log = replace(simulate(Scenario(duration=20.0, seed=3), ALPHA), fixes=None)
     turn = log.start + seconds(10.0)
     estimators = []

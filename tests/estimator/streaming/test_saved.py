@@ -6,40 +6,19 @@ import pickle
 import re
 
 import msgspec
-import numpy as np
 import pytest
 
-from conftest import thorough
-from fed_estimators import short_log
-from icreckon import VARIANTS, Adaptation, EstimatorError, Latencies, PoseEstimator, load_robot
+from fed_estimators import feed_all, known_with_health, short_log
+from icreckon import VARIANTS, Adaptation, EstimatorError, PoseEstimator, load_robot
 from icreckon.estimator.base import state as s
-from icreckon.estimator.log.measurements import (
-    BodyVelocity,
-    HeadingFix,
-    ImuSample,
-    PoseFix,
-    PositionFix,
-    TrackSpeeds,
-    ZeroVelocity,
-)
-from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings, StandstillSettings
-from icreckon.estimator.streaming.save import VERSION
+from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
+from icreckon.estimator.robot.settings import Settings, StandstillSettings
+from icreckon.estimator.streaming.save import VERSION, _checksum
 
 ALPHA = load_robot("auriga-alpha")
 STEP = 10_000_000
 MEASUREMENTS = list(short_log(duration=8.0, seed=12, truth="kinematic").measurements())
 HALF = len(MEASUREMENTS) * 2 // 3
-
-
-def feed_all(estimator, measurements):
-    for measurement in measurements:
-        estimator.feed(measurement)
-    return estimator
-
-
-def known(estimator):
-    arrays = (estimator.state, estimator.covariance, estimator.twist)
-    return estimator.stamp, estimator.stands, estimator.health, *(a.tobytes() for a in arrays)
 
 
 def through_a_file(estimator, folder):
@@ -73,11 +52,11 @@ def saved(half_way, tmp_path):
 def test_a_copy_goes_on_as_if_nothing_had_been(variant, way, tmp_path):
     original = feed_all(PoseEstimator(ALPHA, variant), MEASUREMENTS[:HALF])
     copied = COPIES[way](original, tmp_path)
-    assert known(copied) == known(original)
+    assert known_with_health(copied) == known_with_health(original)
     assert len(pickle.dumps(original)) < 2_000_000, "it carries a table"
     for m in MEASUREMENTS[HALF:]:
         assert original.feed(m) is copied.feed(m)
-    assert known(copied) == known(original)
+    assert known_with_health(copied) == known_with_health(original)
 
 
 def test_everything_that_was_set_is_there_again(tmp_path):
@@ -106,13 +85,8 @@ def test_the_file_can_be_read_by_people(half_way, saved):
     assert [path.name for path in saved.parent.iterdir()] == [saved.name]
 
 
-# --- what does not fit ------------------------------------------------------------------------------
-
-
 def rewrite(path, change):
     """Change the content of a saved file and sign it anew, as another version of icreckon might."""
-    from icreckon.estimator.streaming.save import _checksum
-
     document = json.loads(path.read_text())
     change(document["content"])
     document["checksum"] = _checksum(document["content"])
@@ -178,16 +152,8 @@ NONSENSE = {
         lambda c: c["settings"].update(adaptation={"eta0": -1.0}),
         r"Adaptation.eta0 .* at `\$.settings.adaptation`",
     ),
-    "a slip factor": (
-        of_record("slip_factor", value=0.5),
-        r">= 1.0 - at `\$.now.record.slip_factor`",
-    ),
-    "an interval": (
-        of_record("tracks", "interval", value=-0.01),
-        r"> 0.0 - at `\$.now.record.tracks.interv",
-    ),
+    "a slip factor": (of_record("slip_factor", value=0.5), r"1.0 - at `\$.now.record.slip_factor`"),
     "a size": (of_record("noise", "gyro", "readings", value=[0.0, 0.0, -1.0, 3]), ">= 0.0"),
-    "a verdict": (of_record("gyro", "verdict", value=7), "<= 2"),
     "readings of a standstill": (of_record("still", "end", value=10**6), "needs a stamp"),
     "a stamp": (of_record("stamp", value=2**63), "64 bits"),
     "a speed": (lambda c: tracks_row(c).__setitem__(2, 1e9), "absurdly fast"),
@@ -246,101 +212,21 @@ def test_a_warm_start_refuses_nonsense_too(saved):
         PoseEstimator.warm_start(saved, ALPHA, off=1.0)
 
 
-# --- exact continuation of what is under way ---------------------------------------------------------
-
-
-def random_drive(rng, count):
-    """Measurements as they arrive: late, of clocks that jump, with gaps; marks and what drops them."""
-    offset, time, arriving = 0, MEASUREMENTS[0].stamp, []
-    steps = [0.2, 2.0, 30.0]
-    while len(arriving) < count:
-        time += STEP * 2 if rng.random() > 0.01 else round(1e9 * rng.choice(steps))
-        if rng.random() < 0.01:
-            offset += round(rng.choice([-1e15, -3e9, 3e9, 1e12]))
-        stamp, at = time + offset, len(arriving)
-        left, right = rng.normal(0.5, 0.2, 2) if at % 200 < 120 else (0.0, 0.0)
-        force = tuple(rng.normal([0.0, 0.0, 9.81], 0.1)) if rng.random() < 0.9 else None
-        fresh = [
-            TrackSpeeds(stamp, float(left), float(right)),
-            ImuSample(stamp + 3, (0.0, 0.0, float(0.5 * (right - left))), force),
-        ]
-        if rng.random() < 0.2:
-            where, sure = rng.normal(0.0, 0.5, 3).tolist(), float(rng.choice([1e-4, 1.0]))
-            fix = rng.integers(0, 5)
-            later = stamp + int(rng.integers(4, STEP))
-            fresh += [
-                [PositionFix(later, where[0], where[1], sure)],
-                [HeadingFix(later, where[2], sure)],
-                [BodyVelocity(later, *where[:2], sure)],
-                [PoseFix(later, *where, ((sure, 0.0, 0.0), (0.0, sure, 0.0), (0.0, 0.0, sure)))],
-                [ZeroVelocity(later)],
-            ][fix]
-        for m in fresh:
-            late = rng.choice([0.0, 0.3, 1.2]) if rng.random() < 0.05 else 0.0
-            arriving.append((time + round(1e9 * late), lambda e, m=m: e.feed(m)))
-        if rng.random() < 0.03:
-            back = round(1e9 * rng.uniform(0.0, 0.4))
-            arriving.append((time, lambda e, at=stamp - back: e.mark(at)))
-        if rng.random() < 0.03:
-            arriving.append((time, lambda e: e.forget(e.marks[0]) if e.marks else None))
-        if rng.random() < 0.005:
-            arriving.append((time, lambda e, at=stamp + 10**12: e.feed(HeadingFix(at, 0.0, 1.0))))
-    arriving.sort(key=lambda pair: pair[0])
-    return [act for _, act in arriving]
-
-
-def done(estimator, act):
-    try:
-        return act(estimator)
-    except EstimatorError as problem:
-        return str(problem)
-
-
-def all_known(estimator):
-    marks = [estimator.relative_motion(mark) for mark in estimator.marks]
-    # Their last digit depends on where in memory the numbers are.
-    of_marks = [(one.pose.round(12).tolist(), one.covariance.round(12).tolist()) for one in marks]
-    return known(estimator), estimator.marks, of_marks, estimator.latencies
-
-
-@pytest.mark.parametrize("seed", [0, 1, *map(thorough, range(2, 6))])
-def test_a_random_drive_goes_on_alike_wherever_it_was_saved(seed, tmp_path):
-    rng = np.random.default_rng(seed)
-    settings = Settings(
-        history=float(rng.choice([0.1, 1.0, 3.0])),
-        longest_gap=float(rng.choice([0.5, 5.0])),
-        gates=GateSettings(int(rng.choice([0, 3, 10]))),
-        wander=FixWander(1.0, 10.0) if seed % 2 else None,
-    )
-    latencies = Latencies(estimate_tracks=True) if seed % 2 else Latencies(tracks=0.05)
-    original = PoseEstimator(ALPHA, settings=settings, latencies=latencies, start_sigma=(0.1,) * 3)
-    acts = random_drive(rng, 500)
-    saves = set(rng.choice(len(acts), 5, replace=False).tolist())
-    copies = []
-    for k, act in enumerate(acts):
-        if k in saves:
-            copies.append(through_a_file(original, tmp_path))
-        expected = done(original, act)
-        for copied in copies:
-            assert done(copied, act) == expected
-        if k % 25 == 0 or k in saves:
-            assert all(all_known(copied) == all_known(original) for copied in copies)
-    assert all(all_known(copied) == all_known(original) for copied in copies)
-
-
-def test_a_clock_that_is_being_set_back_is_set_back_after_a_copy(half_way, tmp_path):
+@pytest.mark.parametrize("by", [-(10**13), 10**13])
+def test_a_clock_that_is_being_set_is_set_after_a_copy(by, half_way, tmp_path):
     def after(k):
-        stamp = MEASUREMENTS[0].stamp - 10**13 + k * STEP
+        stamp = before + by + k * STEP
         return [TrackSpeeds(stamp, 0.3, 0.3), ImuSample(stamp + 3, (0.0, 0.0, 0.0), None)]
 
+    before = half_way.stamp
     for k in range(5):
         assert [half_way.feed(m) for m in after(k)] == [False, False]
     copied = through_a_file(half_way, tmp_path)
     for k in range(5, 12):
         for m in after(k):
             assert copied.feed(m) is half_way.feed(m)
-    assert half_way.health.clock_steps == 1
-    assert known(copied) == known(half_way)
+    assert by < half_way.stamp - before < by + 10**9
+    assert known_with_health(copied) == known_with_health(half_way)
 
 
 def test_other_files_are_refused(tmp_path):
@@ -357,19 +243,17 @@ def test_other_files_are_refused(tmp_path):
 
 def test_another_version_of_the_format_is_refused(saved):
     document = json.loads(saved.read_text())
-    for version in (1, 5, 6, 99):
-        document["version"] = version
-        saved.write_text(json.dumps(document))
-        message = rf"version {version} .* is not known; this icreckon reads {VERSION}"
-        with pytest.raises(EstimatorError, match=message):
-            PoseEstimator.restore(saved, ALPHA)
+    saved.write_text(json.dumps(document | {"version": 1}))
+    with pytest.raises(EstimatorError, match=f"version 1 .* this icreckon reads {VERSION}"):
+        PoseEstimator.restore(saved, ALPHA)
+
+
+LOADS = PoseEstimator.restore, lambda *args: PoseEstimator.warm_start(*args, off=0.0)
 
 
 def test_another_variant_is_refused(saved):
-    for load in (PoseEstimator.restore, lambda *args: PoseEstimator.warm_start(*args, off=0.0)):
-        with pytest.raises(
-            EstimatorError, match="by the variant 'inertia-online', not 'inertia-fi"
-        ):
+    for load in LOADS:
+        with pytest.raises(EstimatorError, match="'inertia-online', not 'inertia-fixed'"):
             load(saved, ALPHA, "inertia-fixed")
 
 
@@ -394,7 +278,7 @@ def test_windows_of_long_ago_are_not_stepped_through(saved):
 def test_another_robot_is_refused_and_the_message_says_what_differs(saved):
     other = changed("vehicle", mass=300.0)
     renamed = msgspec.structs.replace(other, name="beta")
-    for load in (PoseEstimator.restore, lambda *args: PoseEstimator.warm_start(*args, off=0.0)):
+    for load in LOADS:
         with pytest.raises(EstimatorError, match=r"vehicle\.mass = 258\.0, here it is 300\.0"):
             load(saved, other)
         with pytest.raises(EstimatorError, match=r"name = '.*', here it is 'beta'"):
@@ -478,12 +362,6 @@ def test_after_a_warm_start_the_clock_may_be_another(saved):
     assert warm.stamp == 5 * STEP
     assert warm.biases["gyro_bias"] == pytest.approx(bias, abs=1e-3)
     assert warm.feed(PositionFix(6 * STEP, 0.0, 0.0, 0.01)) is True
-
-
-def test_a_warm_start_may_have_other_settings(saved):
-    settings = Settings(history=0.5, use_accelerometer=False)
-    assert PoseEstimator.warm_start(saved, ALPHA, off=0.0, settings=settings).settings == settings
-    assert PoseEstimator.warm_start(saved, ALPHA, off=0.0).settings == Settings()
 
 
 @pytest.mark.parametrize("off", [-1.0, float("nan"), float("inf")])

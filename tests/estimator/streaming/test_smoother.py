@@ -6,12 +6,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from conftest import holed
 from icreckon import EstimatorError, FixSpec, Log, Scenario, load_robot, run, simulate, smooth
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.log.measurements import BodyVelocity, PoseFix, ZeroVelocity
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
+from icreckon.estimator.log.series import FixSeries, TrackSpeedSeries
 from icreckon.estimator.streaming import smoother
 
 ALPHA = load_robot("auriga-alpha")
@@ -83,18 +84,6 @@ def test_all_rows_hold_together(both):
     speeds = np.hypot(after.trajectory.twists[1:, 0], after.trajectory.twists[1:, 1])
     assert lengths == pytest.approx(speeds * dt[:, 0], abs=1e-3)
     assert steps[:, 2] == pytest.approx(after.trajectory.twists[1:, 2] * dt[:, 0], abs=1e-2)
-
-
-def test_the_end_is_the_filters_where_the_filter_has_kept_nothing(log):
-    tracks_and_fixes = Log(log.name, log.tracks, fixes=log.fixes)
-    before, after = smooth(tracks_and_fixes, ALPHA, "constant-fixed", **START)
-    assert after.states[-1] == pytest.approx(before.states[-1], abs=1e-12)
-    assert after.state_sigmas[-1] == pytest.approx(before.state_sigmas[-1], abs=1e-9)
-    # And is not on the way there.
-    assert np.abs(after.states - before.states)[:, s.Y].max() > 0.01
-
-
-# --- against the batch solution ------------------------------------------------------------------
 
 
 class _Batch(smoother._Tape):
@@ -190,19 +179,12 @@ def test_smoothed_is_the_batch_solution(variant, more, log, monkeypatch):
         return made[-1]
 
     begin = log.start + 5 * 10**9
-    tracks, imu = log.tracks, log.imu
-
-    def part(stamps):
-        return (stamps >= begin) & (stamps < begin + 6 * 10**8)
-
-    a, b = part(tracks.stamps), part(imu.stamps)
     stamps = begin + np.array([50, 220, 390, 560], dtype=np.int64) * 10**6
     poses = interpolate_poses(log.truth.poses, stamps)
-    short = Log(
-        "short",
-        TrackSpeedSeries(tracks.stamps[a], tracks.speeds[a]),
-        ImuSeries(imu.stamps[b], imu.angular_velocity[b], imu.linear_acceleration[b]),
-        FixSeries(stamps, poses, np.tile([1e-4, 1e6], (4, 1))),
+    short = replace(
+        log.between(begin, begin + 6 * 10**8 - 1),
+        truth=None,
+        fixes=FixSeries(stamps, poses, np.tile([1e-4, 1e6], (4, 1))),
         others=said(begin, poses) if more else (),
     )
     start = tuple(interpolate_poses(log.truth.poses, np.array([begin]))[0].tolist())
@@ -219,26 +201,6 @@ def test_smoothed_is_the_batch_solution(variant, more, log, monkeypatch):
         assert after.trajectory.pose_covariances[row] == pytest.approx(
             covariance[s.POSE, s.POSE], rel=1e-6, abs=1e-12
         )
-
-
-# --- the rough and the empty -----------------------------------------------------------------------
-
-
-def with_hole(log, begin, end):
-    """The log without what its sensors said between two times [s]."""
-
-    def outside(stamps):
-        seconds = (stamps - log.start) * 1e-9
-        return (seconds < begin) | (seconds > end)
-
-    a, b = outside(log.tracks.stamps), outside(log.imu.stamps)
-    return replace(
-        log,
-        tracks=TrackSpeedSeries(log.tracks.stamps[a], log.tracks.speeds[a]),
-        imu=ImuSeries(
-            log.imu.stamps[b], log.imu.angular_velocity[b], log.imu.linear_acceleration[b]
-        ),
-    )
 
 
 def test_an_accelerometer_that_reads_too_much_does_not_stretch_the_path(log):
@@ -264,7 +226,8 @@ def test_where_the_heading_is_lost_nothing_is_smoothed_across():
         fixes=FixSpec(heading_sigma=0.02), outages=((14.0, 53.0),),
     )  # fmt: skip
     whole = simulate(scenario, ALPHA)
-    before, after = smooth(with_hole(whole, 15.0, 50.0), ALPHA, "inertia-online")
+    hole = (whole.start + round(one * 1e9) for one in (15.0, 50.0))
+    before, after = smooth(holed(whole, *hole), ALPHA, "inertia-online")
     lost = before.state_sigmas[:, s.YAW] > 1.1 * smoother.LOST_YAW
     assert lost.any()
     assert (after.trajectory.poses[lost] == before.trajectory.poses[lost]).all()
