@@ -109,7 +109,7 @@ def test_a_table_of_very_many_columns_is_refused(tmp_path: Path) -> None:
 
 
 ROBOT = robot_with(tracks=JOINTS)
-COUNT = 2000
+COUNT = 400
 
 
 def bag(folder: Path, plugin: StoragePlugin, mode: CompressionMode) -> Path:

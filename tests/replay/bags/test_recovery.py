@@ -121,7 +121,9 @@ def test_a_cut_file_inside_a_ros2_folder(robot: Robot, made: Log, tmp_path: Path
     assert len(made.tracks.stamps) * 0.4 < len(log.tracks.stamps) < len(made.tracks.stamps) * 0.6
     assert "bag.mcap" in log.notes[0]
     (folder / "metadata.yaml").unlink()
-    assert len(read_log(folder, robot).tracks.stamps) == len(log.tracks.stamps)
+    without = read_log(folder, robot)
+    assert len(without.tracks.stamps) == len(log.tracks.stamps)
+    assert any("metadata" in note for note in without.notes)
 
 
 ROBOT = robot_with(tracks=JOINTS)
