@@ -35,9 +35,8 @@ def test_a_file_that_fits(folder: Path):
 def test_a_radius_that_is_a_diameter(folder: Path):
     done = icreckon("check", "drive", "--robot", "wrong.toml", cwd=folder)
     assert done.returncode == 1
-    assert "One thing contradicts the log" in done.stdout
     assert "is the radius a diameter? Costs " in done.stdout
-    assert "Set sprocket_radius = 0.0" in done.stdout or "Set sprocket_radius = 0.1" in done.stdout
+    assert re.search(r"Set sprocket_radius = 0\.(0|1)", done.stdout)
     assert done.stderr.strip() == ""
 
 

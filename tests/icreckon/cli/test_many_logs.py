@@ -93,13 +93,6 @@ def test_two_robot_files_are_compared_on_the_same_segments(folder: Path, robots:
     assert "Robot files compared" in page
 
 
-@pytest.mark.thorough
-def test_results_of_many_logs_are_overwritten_on_demand(folder: Path, robots: Done) -> None:
-    assert robots.returncode == 0, robots.stderr
-    words = ("monday", "tuesday <&>", *AURIGA, "--robot", "wide.toml", *WORDS, "--out", "robots")
-    succeeds("replay", *words, "--overwrite", cwd=folder)
-
-
 def test_a_log_that_fails_with_both_robots_leaves_no_folder(folder: Path) -> None:
     both = (*AURIGA, "--robot", "wide.toml", *WORDS, "--out", "some")
     done = icreckon("replay", "broken.bag", "monday", *both, cwd=folder)

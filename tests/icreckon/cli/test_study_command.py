@@ -44,7 +44,7 @@ def contents(cwd: Path) -> dict[str, bytes]:
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("undisturbed")
     (folder / "tiny.toml").write_text(TINY, encoding="utf-8")
-    done = succeeds("study", "tiny.toml", "--workers", 1, cwd=folder, drawn=True)
+    done = succeeds("study", "tiny.toml", "--workers", 1, cwd=folder)
     assert "drift after 4 s" in done.stdout
     assert "Over 2 cells of 8 runs each, the median drift of constant-online is" in " ".join(
         done.stdout.split()
@@ -60,7 +60,7 @@ def here(tmp_path: Path) -> Path:
 
 
 def test_the_results_are_printed_as_json_on_demand(undisturbed: Path) -> None:
-    done = icreckon("study", "tiny.toml", "--json", cwd=undisturbed, drawn=True)
+    done = icreckon("study", "tiny.toml", "--json", cwd=undisturbed)
     assert "going on: 4 of 4 blocks are there" in done.stderr
     assert done.stdout.encode() == contents(undisturbed)["results.json"]
     told = json.loads(done.stdout)
@@ -83,7 +83,7 @@ def test_killed_it_loses_no_finished_block_and_comes_to_the_same(here, undisturb
     while any(Path(f"/proc/{worker}/exe").exists() for worker in workers):
         assert time.monotonic() < deadline, "a worker outlives the command"
         time.sleep(0.05)
-    done = icreckon("study", "tiny.toml", "--workers", 1, cwd=here, drawn=True)
+    done = icreckon("study", "tiny.toml", "--workers", 1, cwd=here)
     assert f"going on: {kept} of {BLOCKS} blocks are there" in done.stderr
     assert contents(here) == contents(undisturbed)
 

@@ -7,7 +7,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from command_line import fails
 from icreckon import FixSpec, Log, Scenario, Settings, compare, read_log, simulate, write_log
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
 from icreckon.replay.comparison.initial_pose import start_from_fixes
@@ -35,21 +34,6 @@ def robot_file(folder: Path, keys: str) -> Path:
     assert text.count(TOPIC) == 1
     path.write_text(text.replace(TOPIC, TOPIC + keys), encoding="utf-8")
     return path
-
-
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        ("wander_sigma = -1.2\nwander_time = 60.0", "wander_sigma must be from 0 to 1000 m"),
-        ("wander_sigma = 1.2", "wander_sigma = 1.2 needs wander_time"),
-        ('wander_sigma = "1.2"\nwander_time = 60.0', "wander_sigma"),
-    ],
-)
-def test_bad_values_in_a_robot_file(bag: Path, tmp_path: Path, keys: str, message: str) -> None:
-    path = robot_file(tmp_path, keys + "\n")
-    problem = fails("replay", bag, "--robot", path, "--variants", "gyro", cwd=tmp_path)
-    assert message in problem
-    assert "robot.toml" in problem or "auriga-alpha" in problem or str(path) in problem
 
 
 def test_white_part_of_messages_with_a_covariance(log: Log, tmp_path: Path) -> None:

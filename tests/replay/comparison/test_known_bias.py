@@ -2,13 +2,11 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from conftest import sample_log
-from icreckon import Comparison, Log, Scenario, compare, compare_many, read_log, summarise
+from icreckon import Comparison, Log, Scenario, compare, compare_many, summarise
 from icreckon.estimator.robot.robot_file import Robot, changed_robot, load_robot
 from icreckon.report.replay.page_text import headline
 from icreckon.simulation.simulate import run_scenario
@@ -82,18 +80,6 @@ def test_a_gyro_that_stood_still_has_learnt_its_bias(drive: tuple[Log, float]) -
     results = summarise(found, ROBOT)
     assert results["gyro_bias"] is None
     assert "gyro bias" not in headline(results)
-
-
-def test_the_husky_wins_nothing_by_a_bias(data_dir: Path) -> None:
-    """Its log has no standstill; with the bias wheels and gyro are as good as the best."""
-    robot = changed_robot(load_robot("husky-deflated"), {"imu.gyro_bias": 0.0})
-    log = read_log(sample_log(data_dir, "husky_deflated_part1"), robot).part(0.0, 200.0)
-    found = compare(log, robot, VARIANTS)
-    # The README beside the logs.
-    assert found.known_bias.shown == pytest.approx(-0.0156, abs=0.002)
-    assert drift_of(compare(log, robot, "gyro"), robot) > 2.0 * drift_of(found, robot)
-    results = summarise(found, robot)
-    assert results["variants"]["constant-online"]["drift_ratio_30s"] > 0.8
 
 
 def test_several_logs_are_compared_with_a_gyro_whose_bias_is_known_in_each(drive, moving):

@@ -12,9 +12,6 @@ from bag_messages import mcap_messages
 from conftest import make_log
 from icreckon import ImuSeries, Log, ReplayError, Robot, Vehicle, load_robot, read_log
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.replay.bags.message_types import TWIST
-from icreckon.replay.bags.messages import Messages
-from icreckon.replay.bags.serialised import serialised_alike
 from icreckon.replay.bags.writer import Format
 from icreckon.replay.export.log_bag import check_place, write_log
 from icreckon.replay.export.replay_bag import write_replay_bag
@@ -221,12 +218,3 @@ def test_they_are(kind: Format, tmp_path: Path) -> None:
                 (latched if is_latched else others).add(one.topic)
     assert latched == {topic for topic in ONCE if kind != "sqlite3" or "path" not in topic}
     assert {"/imu/data", "/joint_states"} <= others
-
-
-def test_numbers_that_a_message_changes_are_refused() -> None:
-    def make(messages: Messages, stamp: int, force: np.ndarray) -> object:
-        return messages.new(TWIST, header=messages.header(stamp, ""), twist=messages.twist(-force))
-
-    stamps, forces = np.arange(2), np.ones((2, 3))
-    with pytest.raises(ValueError, match="does not hold all of its numbers unchanged"):
-        next(serialised_alike(Messages(ros1=False), TWIST, make, stamps, (forces,)))

@@ -1,7 +1,6 @@
 """What a comparison is written as, read back by what others read it with."""
 
 import csv
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,6 @@ from icreckon import IndexValues, PoseSeries, ReplayError, Robot, Scenario, simu
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import quaternion_to_yaw, wrap_angle
-from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.streaming.outputs import Run, icr_points
 from icreckon.replay.bags.writer import write_bag
 from icreckon.replay.base.outputs import written_beside
@@ -162,7 +160,9 @@ def test_odometry_holds_the_estimate(one: Run, messages) -> None:
     path, places = one.trajectory, one.trajectory.pose_series
     for row in (0, 1, 500, len(one.stamps) - 1):
         _, stamp, found = messages["/inertia_online/odom"][row]
-        assert stamp == one.stamps[row]
+        assert stamp == found.header.stamp.sec * 10**9 + found.header.stamp.nanosec
+        assert found.header.frame_id == "odom"
+        assert found.child_frame_id == "inertia_online/base_link"
         yaw, at = path.poses[row, 2], found.pose.pose.position
         assert (at.x, at.y, at.z) == tuple(places.positions[row])
         q = found.pose.pose.orientation
@@ -209,14 +209,7 @@ def test_the_official_decoder_reads_the_mcap(messages, comparison):
     }
     one, truth = comparison.runs["inertia-online"], comparison.log.truth
     rows = found["/inertia_online/odom"]
-    assert len(rows) == len(one.stamps)
-    for (_, logged, decoded), stamp, pose in zip(
-        rows, one.stamps.tolist(), one.trajectory.poses.tolist(), strict=True
-    ):
-        assert logged == stamp == decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec
-        assert decoded.header.frame_id == "odom"
-        assert decoded.child_frame_id == "inertia_online/base_link"
-        assert (decoded.pose.pose.position.x, decoded.pose.pose.position.y) == tuple(pose[:2])
+    assert [logged for _, logged, _ in rows] == one.stamps.tolist()
     assert len(found["/ground_truth/pose"]) == len(truth.poses.stamps)
     assert len(found["/fixes"]) == len(comparison.log.fixes.stamps)
     path = found["/inertia_online/path"][0][2]
@@ -318,50 +311,6 @@ def test_rosbags_reads_the_ros1_bag(tmp_path: Path, comparison: Comparison, robo
     assert digests["tf2_msgs/msg/TFMessage"] == "94810edda583a504dfda3829e70d7eec"
     assert digests["visualization_msgs/msg/MarkerArray"] == "d155b9ce5188fbaf89745847fd5882d7"
     assert digests["diagnostic_msgs/msg/DiagnosticArray"] == "60810da900de1dd6ddd437c3503511da"
-
-
-def run_evo(evo: Path, home: Path, *words: str | Path) -> str:
-    done = subprocess.run(
-        [evo / words[0], *words[1:]],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={"HOME": str(home), "PATH": str(evo), "MPLBACKEND": "agg"},
-        cwd=home,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
-
-
-@pytest.mark.slow
-def test_evo_reads_the_trajectories(evo: Path, tmp_path: Path, comparison: Comparison) -> None:
-    one, truth = comparison.runs["inertia-online"], comparison.log.truth.poses
-    poses = one.trajectory.pose_series
-    length = np.linalg.norm(np.diff(poses.positions, axis=0), axis=1).sum()
-    files = {}
-    for form, write in (("tum", write_tum), ("kitti", write_kitti)):
-        files[form] = write(tmp_path / f"a.{form}", poses)
-        told = run_evo(evo, tmp_path, "evo_traj", form, files[form], "--full_check")
-        said = {
-            name.strip(): value
-            for name, _, value in (line.strip().partition("\t") for line in told.splitlines())
-        }
-        assert int(said["nr. of poses"]) == len(poses.stamps)
-        assert float(said["path length (m)"]) == pytest.approx(length, abs=1e-6)
-        assert said["SE(3) conform"] == "yes"
-        assert said["array shapes"] == said["quaternions"] == "ok"
-        assert said.get("timestamps", "ok") == "ok"
-    reference = write_tum(tmp_path / "truth.tum", truth)
-    told = run_evo(
-        evo, tmp_path, "evo_ape", "tum", reference, files["tum"], "--t_max_diff", "0.011"
-    )
-    said = {line.split()[0]: float(line.split()[1]) for line in told.splitlines() if "\t" in line}
-    at = truth.stamps[(truth.stamps >= poses.stamps[0]) & (truth.stamps <= poses.stamps[-1])]
-    apart = interpolate_poses(poses, at) - interpolate_poses(truth, at)
-    error = np.hypot(apart[:, 0], apart[:, 1])
-    # evo pairs the nearest stamps, up to 10 ms apart, which at 1 m/s is as many millimetres.
-    assert said["rmse"] == pytest.approx(np.sqrt((error**2).mean()), abs=0.005)
-    assert said["max"] == pytest.approx(error.max(), abs=0.01)
 
 
 STAMPS = np.array([-1_500_000_001, 0, 1, 1_700_000_000_123_456_789, 2**62], dtype=np.int64)

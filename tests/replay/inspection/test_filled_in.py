@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from command_line import fails, icreckon, succeeds
-from icreckon import ReplayError, inspect
+from icreckon import inspect
 from icreckon.replay.inspection.filled_in import with_filled_in
 
 PROPOSED = """\
@@ -86,22 +86,6 @@ def test_a_file_without_marks_is_a_persons(tmp_path: Path):
     text, taken = with_filled_in(PROPOSED.replace("0.1, 0.2", "0.3, 0.4"), path)
     assert "imu.rotation_rpy_deg" in taken
     assert tomllib.loads(text)["imu"]["rotation_rpy_deg"] == [0.1, 0.2, 0.0]
-
-
-def test_a_unit_that_a_person_changed_is_kept(tmp_path: Path):
-    path = tmp_path / "robot.toml"
-    proposed = PROPOSED + '[log.columns.imu]\nrate_unit = "rad/s"    # check it\n'
-    path.write_text(proposal(path, proposed).replace("rad/s", "deg/s"), encoding="utf-8")
-    text, taken = with_filled_in(proposed, path)
-    assert taken == ["log.columns.imu.rate_unit"]
-    assert tomllib.loads(text)["log"]["columns"]["imu"] == {"rate_unit": "deg/s"}
-
-
-def test_a_file_that_cannot_be_read_is_not_replaced(tmp_path: Path):
-    path = tmp_path / "robot.toml"
-    path.write_text("mass = = 3", encoding="utf-8")
-    with pytest.raises(ReplayError, match="what was filled in cannot be read"):
-        with_filled_in(PROPOSED, path)
 
 
 def test_the_command_keeps_it(tmp_path: Path):

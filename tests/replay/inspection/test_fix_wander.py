@@ -2,13 +2,14 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
 
-from icreckon import FixSpec, Log, Robot, Scenario, inspect, load_robot, simulate, write_log
+from icreckon import FixSpec, Log, Scenario, inspect, load_robot, simulate, write_log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.sensors.sensor_models import SensorModels
@@ -18,6 +19,7 @@ ALPHA = load_robot("auriga-alpha")
 GPS = FixSpec(sigma=0.3, wander_sigma=1.2, wander_time=60.0)
 
 
+@cache
 def driven(fixes: FixSpec, seed: int = 1) -> Log:
     scenario = Scenario(duration=600.0, seed=seed, fix_rate=1.0, fixes=fixes, truth="kinematic")
     return simulate(scenario, ALPHA)
@@ -88,23 +90,17 @@ def test_any_units_frame_bias_and_outliers_change_little() -> None:
 
 
 @pytest.mark.thorough
-def test_inspect_proposes_what_a_replay_accepts(tmp_path: Path, robot: Robot) -> None:
-    bag = write_log(driven(GPS), tmp_path / "gps", "mcap", robot)
-    found = inspect(bag)
+def test_inspect_proposes_what_a_replay_accepts(tmp_path: Path) -> None:
+    found = inspect(write_log(driven(GPS), tmp_path / "gps", "mcap", ALPHA))
     assert any("fixes: their error wanders" in finding for finding in found.findings)
     text = found.proposed_robot_file
-    assert "\nwander_sigma = " in text
-    assert "\nwander_time = " in text
     assert text.count("position_sigma") == 1
     path = tmp_path / "robot.toml"
     filled = text.replace("mass = nan", "mass = 200.0").replace("gauge = nan", "gauge = 0.6")
     path.write_text(filled.replace("radius = nan", "radius = 0.1"), encoding="utf-8")
     proposed = load_robot(path).log["fixes"]
     assert 0.6 < proposed["wander_sigma"] < 2.4
-
-    white = inspect(write_log(driven(FixSpec(sigma=0.3)), tmp_path / "white", "mcap", robot))
-    assert any("no wander is proposed" in finding for finding in white.findings)
-    assert "wander_sigma" not in white.proposed_robot_file
+    assert proposed["wander_time"] > 0.0
 
 
 @pytest.mark.parametrize(("stated", "proposed"), [(1.0, True), (0.05, False), (10.0, True)])

@@ -43,6 +43,11 @@ def bag(path: Path, *, sign: float = 1.0, rate: float = 1.0, force: float = 1.0)
     return write_bag(path, messages)
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return bag(tmp_path_factory.mktemp("plain") / "bag")
+
+
 def proposed_with(log: Path, robot: Path) -> dict:
     """A second proposal, with what a person filled in."""
     text = inspect(log, sizes=filled_in_sizes(robot)).proposed_robot_file
@@ -57,15 +62,16 @@ right = ["m3", "m4"]
 """
 
 
-def test_streams_that_were_filled_in_are_those_that_are_inspected(tmp_path: Path) -> None:
-    log, robot = bag(tmp_path / "bag"), tmp_path / "robot.toml"
-    first = inspect(log)
+def test_streams_that_were_filled_in_are_those_that_are_inspected(
+    plain: Path, tmp_path: Path
+) -> None:
+    robot, first = tmp_path / "robot.toml", inspect(plain)
     assert np.isnan(tomllib.loads(first.proposed_robot_file)["vehicle"]["sprocket_radius"])
     text = first.proposed_robot_file.replace("[log.fixes]", "[log.truth]")
     text = text.replace("track_gauge = nan", "track_gauge = 0.6")
     text = text.replace("position_sigma = 0.05", "# ")
     robot.write_text(text + WHEELS, encoding="utf-8")
-    found = proposed_with(log, robot)
+    found = proposed_with(plain, robot)
     assert found["vehicle"]["sprocket_radius"] == pytest.approx(RADIUS, rel=0.01)
     assert found["indices"]["eta0"] == pytest.approx(TRACK / 0.6, rel=0.01)
     assert found["vehicle"]["track_gauge"] == 0.6
@@ -105,11 +111,11 @@ def test_a_wheel_that_counts_backward_is_named_with_a_minus(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_a_side_that_counts_backward_is_found(tmp_path: Path, side: str) -> None:
+def test_a_side_that_counts_backward_is_found(plain: Path, side: str) -> None:
     tracks = {"topic": "/motors", "left": ["m1"], "right": ["m3"]}
     tracks[side] = ["-m1" if side == "left" else "-m3"]
     robot = robot_with(tracks=tracks, imu={"topic": "/imu"}, truth={"topic": "/slam"})
-    checks = check_robot(read_log(bag(tmp_path / "bag"), robot), robot)
+    checks = check_robot(read_log(plain, robot), robot)
     found = next(one for one in checks if one.name == "sense of turning")
     assert found.problem.startswith(f"the {side} side counts backward")
     assert f"minus before the names of {side}" in found.remedy
@@ -360,12 +366,12 @@ def test_sides_with_messages_of_two_types(tmp_path: Path) -> None:
     np.testing.assert_array_equal(logs[0].tracks.speeds, logs[1].tracks.speeds)
 
 
-def test_a_stream_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+def test_a_stream_that_cannot_be_read_is_refused(plain: Path, tmp_path: Path) -> None:
     """A wrong name by a person must not make a proposal without all that the log shows."""
-    log, robot = bag(tmp_path / "bag"), tmp_path / "robot.toml"
+    robot = tmp_path / "robot.toml"
     robot.write_text(WHEELS.replace("m1", "m9"), "utf-8")
     with pytest.raises(ReplayError, match=r"streams of the robot file: .* m9"):
-        inspect(log, sizes=filled_in_sizes(robot))
+        inspect(plain, sizes=filled_in_sizes(robot))
 
 
 def test_a_bag_and_a_trajectory_are_one_log(tmp_path: Path) -> None:

@@ -77,23 +77,18 @@ def point(stamp: int, x: float):
 
 
 IMU = [("/imu", made.imu(stamp, rate=(0.0, 0.0, 0.01 * k))) for k, stamp in enumerate(STAMPS)]
+UNITS = {"rate_unit": "deg/s", "acceleration_unit": "g"}
 CASES = {
-    "wheel rates, IMU": ({"tracks": JOINTS, "imu": {"topic": "/imu"}}, TRACKS + IMU),
     "latency": (
         {"tracks": JOINTS | {"latency": 0.21}, "imu": {"topic": "/imu", "latency": -0.01}},
         TRACKS + IMU,
     ),
-    "unit": ({"tracks": JOINTS | {"unit": "rpm"}}, TRACKS),
     "odometry with its own gauge": (
         {"tracks": {"topic": "/o", "gauge": 1.1, "scale": 0.95}},
         [("/o", made.odometry(stamp, 1.0, 0.01 * k)) for k, stamp in enumerate(STAMPS)],
     ),
-    "a side that counts backward": ({"tracks": JOINTS | {"right": ["-r"]}}, TRACKS),
-    "IMU in deg/s and g": (
-        {
-            "tracks": JOINTS,
-            "imu": {"topic": "/imu", "rate_unit": "deg/s", "acceleration_unit": "g"},
-        },
+    "units, and a side that counts backward": (
+        {"tracks": JOINTS | {"right": ["-r"], "unit": "rpm"}, "imu": {"topic": "/imu", **UNITS}},
         TRACKS + IMU,
     ),
     "twist": (
@@ -127,8 +122,7 @@ CASES = {
                 "topic": "/gyro",
                 "angular_velocity": ["twist.angular.z"],
                 "linear_acceleration": ["twist.linear.x", "twist.linear.y", "twist.linear.z"],
-                "rate_unit": "deg/s",
-                "acceleration_unit": "g",
+                **UNITS,
             },
         },
         TRACKS + [("/gyro", twist_stamped(stamp, 0.1, 5.0 * k)) for k, stamp in enumerate(STAMPS)],
@@ -206,18 +200,6 @@ def test_counters_wrap_and_pause_as_in_a_replay(tmp_path: Path) -> None:
     robot = robot_with(tracks=JOINTS | {"unit": "counts", "counts_per_turn": 1e3, "wrap": 100.0})
     bag = write_bag(tmp_path / "bag", stream)
     assert len(read_alike(bag, robot)) == len(STAMPS) - 2
-
-
-def test_a_message_for_each_wheel_with_any_name(tmp_path: Path) -> None:
-    names = ("left-wheel", "right wheel")
-    stream = [
-        ("/js", joints(stamp, (k + turn,), (name,)))
-        for k, stamp in enumerate(STAMPS)
-        for turn, name in enumerate(names)
-    ]
-    robot = robot_with(tracks={"topic": "/js", "left": names[:1], "right": names[1:]})
-    bag = write_bag(tmp_path / "bag", stream)
-    assert len(read_alike(bag, robot)) == len(STAMPS)
 
 
 @pytest.mark.parametrize("every", [1, 2])
@@ -338,14 +320,6 @@ def test_a_busy_start_does_not_cost_the_header_stamps(offset: int) -> None:
     assert {choice.clock for choice in inputs.clocks.values()} == {"header"}
     for kind in (TrackSpeeds, ImuSample):
         assert sorted(one.stamp for one in found if isinstance(one, kind)) == STAMPS
-
-
-def test_messages_without_stamps_count_by_their_arrival(tmp_path: Path) -> None:
-    robot = robot_with(tracks=JOINTS)
-    bag = write_bag(
-        tmp_path / "bag", [("/js", joints(0, (1.0, k))) for k in range(40)], times=STAMPS
-    )
-    read_alike(bag, robot)
 
 
 def test_clocks_are_chosen_although_a_stream_is_missing() -> None:

@@ -69,14 +69,6 @@ def test_mounting(data_dir: Path, name: str) -> None:
     assert forward_yaw(log.tracks, log.imu.stamps, force[:, :2], vertical) == 0.0
 
 
-@pytest.mark.parametrize(
-    ("name", "track"), [("warthog", 1.78), ("marmotte", 0.60), ("husky-deflated", 0.98)]
-)
-def test_effective_tracks(name: str, track: float) -> None:
-    robot = load_robot(name)
-    assert robot.vehicle.track_gauge * robot.indices.eta0 == pytest.approx(track, rel=0.01)
-
-
 def test_the_docs_show_every_key_of_the_topics_and_columns() -> None:
     page = (REPOSITORY / "docs" / "reference" / "robot-file.md").read_text(encoding="utf-8")
     block = page.split("```toml")[1].split("```")[0]

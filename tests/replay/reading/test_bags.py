@@ -248,6 +248,8 @@ def test_a_misspelt_key_of_the_mapping() -> None:
         ({"fixes": {"topic": "/f", "position_sigma": -1.0}}, "positive"),
         ({"imu": {"topic": "/i", "time": "sensor"}}, "time"),
         ({"truth": {"topic": "/t", "tracks": "/tt"}}, "needs the joints"),
+        ({"fixes": {"topic": "/f", "wander_sigma": -1.2, "wander_time": 60.0}}, "from 0 to 1000 m"),
+        ({"fixes": {"topic": "/f", "wander_sigma": 1.2}}, "needs wander_time"),
     ):
         with pytest.raises(ReplayError, match=part):
             topic_map(robot_with(**log))

@@ -141,17 +141,6 @@ def test_loads_solve_the_complementarity_problem(right, forward):
         assert (plane[~touching] @ fitted <= 1e-6 * scale).all()
 
 
-def test_a_sliding_track_brakes_with_the_coefficient_of_each_direction():
-    contact = Contact(Soil(0.5, 0.8), GEOMETRY, Body(100.0))
-    loads = vertical_loads(contact)
-    for twist, expected in (
-        (PaperTwist(*np.array([[0.5], [0.0], [0.0]])), [-0.5 * 981.0, 0.0, 0.0]),
-        (PaperTwist(*np.array([[0.0], [-0.5], [0.0]])), [0.0, 0.8 * 981.0, 0.0]),
-    ):
-        wrench, *_ = track_forces(twist, np.zeros(1), np.zeros(1), contact, loads)
-        np.testing.assert_allclose(wrench.values[:, 0], expected, atol=1e-3)
-
-
 def test_friction_opposes_slip_and_stays_within_the_ellipse():
     geometry = ContactGeometry(0.42, (-1e-3, 1e-3))
     contact = Contact(Soil(0.5, 0.8), geometry, Body(100.0))

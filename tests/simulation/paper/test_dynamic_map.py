@@ -58,20 +58,6 @@ def test_errors_of_the_identified_soil(mapped):
     assert errors.constant == pytest.approx((0.017, 0.077, 0.110), rel=0.02)
 
 
-def test_largest_steering_efficiency_is_that_of_figure_7(mapped):
-    assert np.nanmax(mapped.indices.eta) == pytest.approx(4.15, rel=0.02)
-
-
-def test_straight_motions_have_inertia_but_no_icrs(mapped):
-    straight = mapped.motion.V_l == mapped.motion.V_r
-    assert (straight == ~mapped.turning).all()
-    assert np.isnan(mapped.icrs.x_ICRl[straight]).all()
-    assert np.isfinite(mapped.indices.eta[mapped.turning]).all()
-    assert np.isfinite(mapped.magnitude).all()
-    np.testing.assert_allclose(mapped.magnitude[straight], 0.0, atol=1e-9)
-    assert mapped.magnitude.shape == (21, 21)
-
-
 def test_the_line_of_least_inertia_goes_through_on_spot_turns(mapped):
     H = on_spot_line(mapped)
     V_r = np.array([-0.9, -0.4, 0.3, 1.0])

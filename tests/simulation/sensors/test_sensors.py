@@ -174,20 +174,6 @@ def test_a_figure_left_out_is_the_preset_s_and_then_the_robot_file_s():
     assert fix_errors(FixSpec(latency=0.1), NOMINAL) == FixErrors(latency=0.1)
 
 
-def test_perfect_sensors_have_no_error_but_those_that_are_asked_for():
-    perfect = noise_preset("perfect")
-    unsure = msgspec.structs.replace(
-        mounted(gyro_scale_sigma=0.02),
-        tracks=msgspec.structs.replace(ALPHA.tracks, scale_sigma=0.1),
-    )
-    assert encoder_errors(unsure, EncoderSpec(), perfect) == EncoderErrors()
-    assert gyro_errors(unsure, InertialSpec(), perfect) == InertialErrors()
-    assert accelerometer_errors(unsure, InertialSpec(), perfect) == InertialErrors()
-    assert fix_errors(FixSpec(), perfect) == FixErrors(sigma=0.0)
-    counting = EncoderSpec(resolution=1e-3)
-    assert encoder_errors(unsure, counting, perfect) == EncoderErrors(resolution=1e-3)
-
-
 def test_the_factor_is_on_errors_and_not_on_times_and_shares():
     twice = {"factor": 2.0}
     encoders = EncoderSpec(resolution=1e-3, dropouts_per_hour=3.0, dropout_duration=2.0, **twice)

@@ -287,21 +287,6 @@ def test_a_large_nees_by_untold_noise_is_explained_where_it_stands(results):
     assert not any(line.startswith("*") for line in notes(changed))
 
 
-def test_figures_are_png(figures):
-    assert all(figure.png.startswith(b"\x89PNG") for figure in figures)
-    assert [figure.name for figure in figures] == [
-        "drift-grid",
-        "drift-gyro-factor",
-        "final-error-gyro-factor",
-        "ratio-gyro-factor",
-        "drift-noise",
-        "final-error-noise",
-        "ratio-noise",
-        "consistency",
-        "final-error-distribution",
-    ]
-
-
 def test_a_grid_has_the_drift_of_each_cell(results, monkeypatch):
     drawn = {}
     monkeypatch.setattr(study_drawings, "png", lambda figure, *_: drawn.update(of=figure) or b"")

@@ -103,15 +103,6 @@ def test_an_independent_integrator_gives_the_same_motion():
     np.testing.assert_allclose(driven.transfer, reference.y[3:5].T, atol=2e-2)
 
 
-def test_locked_tracks_brake_at_mu_g():
-    driven = drive(
-        CENTRED, INERTIA, *constant(0.0, 0.0, 0.1), STEP, start=(0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
-    )
-    times = STEP * np.arange(11)
-    np.testing.assert_allclose(driven.twists[:, 1], 1.0 - 0.8 * GRAVITY * times, atol=1e-5)
-    np.testing.assert_allclose(driven.twists[:, [0, 2]], 0.0, atol=1e-12)
-
-
 def test_a_steep_slippery_slope_lets_the_vehicle_slide():
     angle = np.radians(30.0)
     driven = drive(
