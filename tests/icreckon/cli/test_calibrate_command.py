@@ -13,7 +13,16 @@ from rich.console import Console
 
 from command_line import results_in, succeeds
 from conftest import simulated
-from icreckon import IcreckonError, ReplayError, calibrate, compare, drift, read_log, robot_toml
+from icreckon import (
+    IcreckonError,
+    ReplayError,
+    calibrate,
+    compare,
+    drift,
+    read_log,
+    robot_toml,
+    write_log,
+)
 from icreckon.cli.calibrate import command
 from icreckon.estimator.robot.robot_file import Robot, Slip, changed_robot, load_robot
 from icreckon.replay.calibration import results
@@ -73,13 +82,15 @@ def left_early(folder: Path) -> Path:
 
     The file has no map of the topics: that of the bag says that its track speeds are rates.
     """
-    wide = changed_robot(ROBOT, {"vehicle.sprocket_radius": 1.1 * RADIUS})
-    text = robot_toml(msgspec.structs.replace(wide, log={}))
+    bare = msgspec.structs.replace(ROBOT, log={})
+    write_log(read_log(folder / "drive", ROBOT), folder / "bare", "mcap", bare)
+    text = robot_toml(changed_robot(bare, {"vehicle.sprocket_radius": 1.1 * RADIUS}))
     (folder / "wide.toml").write_text(text, encoding="utf-8")
     files = {"write": folder / "early.toml", "ros": folder / "wide.yaml", "out": folder / "wide"}
+    words = {"paths": ["bare"], "robot_name": str(folder / "wide.toml"), "models": "constant"}
     leaves = mock.patch("icreckon.cli.calibrate.show", side_effect=BrokenPipeError)
     with leaves, pytest.raises(BrokenPipeError):
-        calibrated(folder, robot_name=str(folder / "wide.toml"), models="constant", **files)
+        calibrated(folder, **words, **files)
     return folder
 
 

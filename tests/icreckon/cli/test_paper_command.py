@@ -2,7 +2,6 @@
 
 import base64
 import io
-import json
 from pathlib import Path
 
 import matplotlib.image
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from command_line import icreckon, results_in, succeeds
+from command_line import results_in, succeeds
 from icreckon.report.paper.tables import paper_tables
 from icreckon.simulation.paper.contact import load_paper_contact
 from icreckon.simulation.paper.published import PUBLISHED, READ_OFF
@@ -113,13 +112,3 @@ def test_results_hold_every_published_number(results: dict) -> None:
 
 def test_the_contact_is_the_one_that_ships(report: Path) -> None:
     assert load_paper_contact(report / "contact.toml") == load_paper_contact()
-
-
-@pytest.mark.thorough
-def test_it_is_reproducible_as_json_and_does_not_overwrite(report: Path, tmp_path: Path) -> None:
-    done = succeeds("paper", "--json", "--out", "here", cwd=tmp_path)
-    assert json.loads(done.stdout) == results_in(report)
-    again = icreckon("paper", "--out", "here", cwd=tmp_path)
-    assert again.returncode == 1
-    assert "--overwrite" in again.stderr
-    succeeds("paper", "--out", "here", "--overwrite", cwd=tmp_path)

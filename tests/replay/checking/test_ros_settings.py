@@ -159,22 +159,6 @@ def test_inspect_writes_them_without_a_robot_file(log: Log, tmp_path: Path):
     assert not (tmp_path / "ros-2.yaml").exists()
 
 
-def test_inspect_uses_what_was_filled_in(log: Log, tmp_path: Path):
-    write_log(log, tmp_path / "drive", "mcap", ALPHA)
-    words = ("inspect", "drive", "--write", "robot.toml")
-    succeeds(*words, cwd=tmp_path)
-    file = tmp_path / "robot.toml"
-    proposed = file.read_text(encoding="utf-8")
-    file.write_text(
-        re.sub(r"track_gauge = [\d.]+", "track_gauge = 0.42", proposed), encoding="utf-8"
-    )
-    succeeds(*words, "--overwrite", "--ros", "ros.yaml", cwd=tmp_path)
-    settings = parameters_of(tmp_path / "ros.yaml")
-    assert settings["wheel_separation"] == 0.42
-    by_the_log = controller(log, with_track_of_the_log(log))["wheel_separation_multiplier"]
-    assert settings["wheel_separation_multiplier"] == pytest.approx(by_the_log, rel=0.03)
-
-
 def test_odometry_from_a_twist_gets_a_factor_of_its_controllers(log: Log):
     """Its speeds are those of a controller whose own multiplier no log shows."""
     robot = with_values(ALPHA, log={"tracks": {"topic": "/odom"}})

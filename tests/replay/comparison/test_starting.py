@@ -86,24 +86,24 @@ def test_a_robot_that_stands_for_long_at_first(log: Log, robot: Robot) -> None:
     elsewhere = moved(log, 0.0, 0.0, 2.0)
     tracks, imu, fixes = elsewhere.tracks, elsewhere.imu, elsewhere.fixes
     before = np.arange(0, wait, 10**8) + log.start
-    still = np.zeros(len(before))
+    still = np.zeros((len(before), 3))
     # Standing still, its gyro shows the bias that it has later.
     turning = np.interp(imu.stamps, log.truth.twists.stamps, log.truth.twists.twists[:, 2])
     bias = float((imu.angular_velocity[:, 2] - turning).mean())
     waited = replace(
         elsewhere,
         tracks=TrackSpeedSeries(
-            np.r_[before, tracks.stamps + wait], np.r_[np.zeros((len(before), 2)), tracks.speeds]
+            np.r_[before, tracks.stamps + wait], np.r_[still[:, :2], tracks.speeds]
         ),
         imu=ImuSeries(
             np.r_[before, imu.stamps + wait],
-            np.r_[np.column_stack([still, still, still + bias]), imu.angular_velocity],
-            np.r_[np.column_stack([still, still, still + 9.81]), imu.linear_acceleration],
+            np.r_[still + np.array([0.0, 0.0, bias]), imu.angular_velocity],
+            np.r_[still + np.array([0.0, 0.0, 9.81]), imu.linear_acceleration],
         ),
         fixes=FixSeries(
             np.r_[before[::10], fixes.stamps + wait],
-            np.r_[np.repeat(fixes.poses[:1], len(before[::10]), axis=0), fixes.poses],
-            np.r_[np.repeat(fixes.variances[:1], len(before[::10]), axis=0), fixes.variances],
+            np.r_[still[::10] + fixes.poses[0], fixes.poses],
+            np.r_[still[::10, :2] + fixes.variances[0], fixes.variances],
         ),
     )
     found = start(waited, robot)

@@ -13,7 +13,6 @@ from bag_messages import mcap_messages
 from command_line import fails, succeeds
 from icreckon import IndexValues, PoseSeries, ReplayError, Robot, Scenario, simulate
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import quaternion_to_yaw, wrap_angle
 from icreckon.estimator.streaming.outputs import Run, icr_points
 from icreckon.replay.bags.writer import write_bag
@@ -114,24 +113,22 @@ def test_parquet_holds_all_of_a_run(tmp_path: Path, one: Run, robot: Robot) -> N
     table = pyarrow.parquet.read_table(path)
     columns = {name: table[name].to_numpy() for name in table.column_names}
     np.testing.assert_array_equal(columns["stamp_ns"], one.stamps)
-    np.testing.assert_array_equal(columns["x_m"], one.trajectory.poses[:, 0])
-    np.testing.assert_array_equal(columns["yaw_rad"], one.trajectory.poses[:, 2])
     assert columns["t_s"][-1] == pytest.approx((one.stamps[-1] - one.stamps[0]) * 1e-9)
-
-    def close(name: str, expected: Floats) -> None:
-        np.testing.assert_allclose(columns[name], expected, rtol=1e-6, atol=1e-30, err_msg=name)
-
-    close("w_rad_s", one.trajectory.twists[:, 2])
-    close("cov_y_yaw_m_rad", one.trajectory.pose_covariances[:, 1, 2])
-    close("cov_v_y_w_m_rad_s2", one.trajectory.twist_covariances[:, 1, 2])
-    close("epsilon_m", one.indices[:, 1])
-    close("epsilon1_m_per_N", one.states[:, s.EPSILON1])
-    close("epsilon1_sigma_m_per_N", one.state_sigmas[:, s.EPSILON1])
-    close("gyro_bias_rad_s", one.states[:, s.GYRO_BIAS])
     innovations = one.innovations[:, one.innovation_names.index("position_x")]
-    close("innovation_position_x", innovations)
-    nulls = table["innovation_position_x"].null_count
-    assert nulls == np.isnan(innovations).sum() > 0
+    for name, expected in {
+        "x_m": one.trajectory.poses[:, 0],
+        "yaw_rad": one.trajectory.poses[:, 2],
+        "w_rad_s": one.trajectory.twists[:, 2],
+        "cov_y_yaw_m_rad": one.trajectory.pose_covariances[:, 1, 2],
+        "cov_v_y_w_m_rad_s2": one.trajectory.twist_covariances[:, 1, 2],
+        "epsilon_m": one.indices[:, 1],
+        "epsilon1_m_per_N": one.states[:, s.EPSILON1],
+        "epsilon1_sigma_m_per_N": one.state_sigmas[:, s.EPSILON1],
+        "gyro_bias_rad_s": one.states[:, s.GYRO_BIAS],
+        "innovation_position_x": innovations,
+    }.items():
+        np.testing.assert_allclose(columns[name], expected, rtol=1e-6, atol=1e-30, err_msg=name)
+    assert table["innovation_position_x"].null_count == np.isnan(innovations).sum() > 0
 
 
 def test_csv_says_the_same_as_parquet(tmp_path: Path, one: Run, robot: Robot) -> None:
@@ -248,17 +245,16 @@ def test_icr_markers_lie_in_the_frame_of_their_variant(messages, comparison, rob
     for _, stamp, decoded in rows:
         row = np.flatnonzero(one.stamps == stamp)
         of_left, of_right = icr_points(IndexValues(*one.indices[row][0]), robot.vehicle.track_gauge)
-        spheres, line = decoded.markers
-        assert spheres.header.frame_id == "constant_online/base_link"
-        assert (spheres.type, line.type, spheres.action) == (7, 4, 0)
-        assert (spheres.id, line.id) == (0, 1)
+        assert [(each.id, each.type, each.action) for each in decoded.markers] == [
+            (0, 7, 0),
+            (1, 4, 0),
+        ]
         for marker in decoded.markers:
             left, right = marker.points
-            assert (left.x, left.y) == of_left
-            assert (right.x, right.y) == of_right
-        assert spheres.color.a == 1.0
-        assert spheres.scale.x > 0.0
-        assert spheres.pose.orientation.w == 1.0
+            assert marker.header.frame_id == "constant_online/base_link"
+            assert ((left.x, left.y), (right.x, right.y)) == (of_left, of_right)
+            assert marker.color.a > 0.0 < marker.scale.x
+            assert marker.pose.orientation.w == 1.0
 
 
 def test_diagnostics_tell_innovations_of_each_sensor(messages, comparison):
@@ -313,17 +309,11 @@ def test_rosbags_reads_the_ros1_bag(tmp_path: Path, comparison: Comparison, robo
     assert digests["diagnostic_msgs/msg/DiagnosticArray"] == "60810da900de1dd6ddd437c3503511da"
 
 
-STAMPS = np.array([-1_500_000_001, 0, 1, 1_700_000_000_123_456_789, 2**62], dtype=np.int64)
-
-
-def poses(stamps: np.ndarray = STAMPS) -> PoseSeries:
-    return PoseSeries(stamps, np.random.default_rng(5).normal(size=(len(stamps), 3)) * [9, 9, 2])
-
-
 def test_a_trajectory_comes_back(tmp_path: Path) -> None:
-    written = poses()
+    stamps = np.array([-1_500_000_001, 0, 1, 1_700_000_000_123_456_789, 2**62], dtype=np.int64)
+    written = PoseSeries(stamps, np.random.default_rng(5).normal(size=(5, 3)) * [9, 9, 2])
     found = read_tum(write_tum(tmp_path / "t.tum", written))
-    np.testing.assert_array_equal(found.stamps, written.stamps)
+    np.testing.assert_array_equal(found.stamps, stamps)
     np.testing.assert_allclose(found.poses[:, :2], written.poses[:, :2], atol=1e-9)
     assert np.abs(wrap_angle(found.poses[:, 2] - written.poses[:, 2])).max() < 1e-8
 
@@ -337,19 +327,18 @@ def test_the_text(tmp_path: Path) -> None:
     )
 
 
-def _write_and_fail(path: Path, **options: bool) -> None:
-    with written_beside(path, **options) as new:
-        new.write_text("half")
-        raise KeyboardInterrupt
-
-
 def test_an_interrupted_write_leaves_what_was_there(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "out.txt"
+
+    def fail(**options: bool) -> None:
+        with written_beside(path, **options) as new:
+            new.write_text("half")
+            raise KeyboardInterrupt
+
     with pytest.raises(KeyboardInterrupt):
-        _write_and_fail(path)
+        fail()
     assert list(path.parent.iterdir()) == []
     path.write_text("old")
     with pytest.raises(KeyboardInterrupt):
-        _write_and_fail(path, overwrite=True)
-    assert path.read_text() == "old"
-    assert list(path.parent.iterdir()) == [path]
+        fail(overwrite=True)
+    assert [one.read_text() for one in path.parent.iterdir()] == ["old"]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_inspection import driven_log, proposed
+from test_inspection import driven_log
 
 from conftest import inspected, sample_log, thorough
 from icreckon import HeadingFix, Log, compare, drift, inspect, read_log, write_log
@@ -139,36 +139,6 @@ def test_the_offset_of_a_heading() -> None:
     log = replace(log, truth=None, fixes=fixes, others=headings)
     assert wheels.heading_offset(log).value == pytest.approx(np.degrees(1.2), abs=3.0)
     assert wheels.heading_offset(replace(log, others=())) is None
-
-
-def test_a_made_table(tmp_path: Path) -> None:
-    log = in_rates(driven_log((180.0, 5.0, 0.0)))
-    poses = log.truth.poses.poses
-    head = "time_ms,left_wheel_vel_rad,right_wheel_vel_rad,cmd_left_vel,cmd_right_vel"
-    head += ",gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z,icp_truth_x,icp_truth_y,icp_truth_yaw"
-    milliseconds = (log.tracks.stamps - log.tracks.stamps[0]) / 1e6
-    columns = [milliseconds, log.tracks.speeds, 0.0 * log.tracks.speeds]
-    columns += [log.imu.angular_velocity, log.imu.linear_acceleration, poses]
-    table = np.column_stack(columns)
-    path = tmp_path / "run.csv"
-    np.savetxt(path, table, delimiter=",", header=head, comments="")
-    found = inspect(path)
-    assert [report.topic for report in found.topics] == head.split(",")
-    assert {report.frame_id for report in found.topics} == {"run.csv"}
-    assert {report.count for report in found.topics} == {6000}
-    assert found.duration == pytest.approx(119.98)
-    robot, topics = proposed(found, tmp_path)
-    columns = topics.columns
-    assert (columns.time, columns.time_unit) == ("time_ms", "ms")
-    assert (columns.tracks.left, columns.tracks.unit) == (("left_wheel_vel_rad",), "rad/s")
-    assert columns.imu.angular_velocity == ("gyro_x", "gyro_y", "gyro_z")
-    assert columns.truth.yaw == "icp_truth_yaw"
-    np.testing.assert_allclose(np.abs(robot.imu.rotation_rpy_deg), (180.0, 5.0, 0.0), atol=1.0)
-    (radius,) = re.findall(r"^sprocket_radius = (\S+)", found.proposed_robot_file, re.MULTILINE)
-    assert float(radius) == pytest.approx(RADIUS, rel=0.01)
-    again = read_log(path, robot)
-    assert len(again.tracks.stamps) == len(again.imu.stamps) == 6000
-    assert again.truth is not None
 
 
 def test_a_side_that_is_stuck_is_a_finding(tmp_path: Path) -> None:

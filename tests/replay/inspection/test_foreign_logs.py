@@ -158,7 +158,11 @@ REST = f"{GYRO};{FORCE};true x [m];true y [m];true yaw [°]"
 
 def test_names_with_units_in_brackets(tmp_path: Path) -> None:
     names = f"Time [ms];left speed [U/min];right speed [U/min];{REST}"
-    proposed = tomllib.loads(inspect(table(tmp_path / "own.csv", names)).proposed_robot_file)
+    path, robot = table(tmp_path / "own.csv", names), tmp_path / "robot.toml"
+    found = inspect(path)
+    assert {(one.frame_id, one.count) for one in found.topics} == {("own.csv", len(SECONDS))}
+    assert found.duration == pytest.approx(59.95)
+    proposed = tomllib.loads(found.proposed_robot_file)
     columns = proposed["log"]["columns"]
     assert (columns["time"], columns["time_unit"]) == ("Time [ms]", "ms")
     assert columns["tracks"]["unit"] == "rpm"
@@ -166,6 +170,9 @@ def test_names_with_units_in_brackets(tmp_path: Path) -> None:
     assert (columns["truth"]["yaw"], columns["truth"]["yaw_unit"]) == ("true yaw [°]", "deg")
     assert proposed["vehicle"]["sprocket_radius"] == pytest.approx(RADIUS, rel=0.01)
     assert proposed["vehicle"]["track_gauge"] == pytest.approx(TRACK, rel=0.01)
+    robot.write_text(found.proposed_robot_file.replace("= nan", "= 1.0"), "utf-8")
+    log = read_log(path, load_robot(robot))
+    assert len(log.tracks.stamps) == len(log.imu.stamps) == len(log.truth.poses.stamps)
 
 
 @pytest.mark.parametrize(
