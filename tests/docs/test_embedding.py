@@ -61,24 +61,9 @@ def test_restored_and_warm_started_are_what_the_guide_says(guide):
 
 def test_every_example_says_something(guide):
     _, printed = guide
-    assert re.match(r"\d\.\d s: ", printed[0])
     assert all(printed)
-    text = "".join(printed)
-    said_so = (
-        "in the map: [",
-        "with visual odometry: ",
-        "the motion would show: ['",
-        "docked at [",
-    )
-    for said in (
-        *said_so,
-        "newest admitted: off by [",
-        "gaps bridged",
-        "found so far: ",
-        "considered: ",
-    ):
-        assert said in text
     # What is kept fixed has no share, and the others are learnt.
+    text = "".join(printed)
     (learnt,) = re.findall(r"eta0: \S+, share nan\nepsilon0: \S+, share (\S+)\n", text)
     assert float(learnt) < 1.0
 

@@ -158,14 +158,11 @@ def test_the_robot_file_loads_and_replays(folder: Path) -> None:
     assert text.startswith("# Calibrated by icreckon from drive, starting from auriga-alpha.\n")
     assert "\nH = 0.67134" in text
     assert "± " in text
-    topic_map(robot)
-    log = read_log(folder / "drive", robot)
-    variants = ["gyro", "inertia-fixed"]
-    comparison = compare(log, robot, variants)
+    comparison = compare(read_log(folder / "drive", robot), robot, ["gyro", "inertia-fixed"])
     truth = comparison.log.truth.poses
     gyro, inertia = (
-        drift(comparison.runs[name].trajectory.pose_series, truth, 10.0).percent_mean
-        for name in variants
+        drift(one.trajectory.pose_series, truth, 10.0).percent_mean
+        for one in comparison.runs.values()
     )
     assert inertia < gyro
 
@@ -233,25 +230,6 @@ def test_bad_input_is_refused(folder: Path, options: dict[str, object], said: st
     with pytest.raises(IcreckonError, match=re.escape(said)):
         calibrated(folder, **options)
     assert sorted(folder.iterdir()) == before
-
-
-def test_all_log_files_of_a_folder_are_one_log(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    read: list[list[Path]] = []
-
-    def stop(files: list[Path], *_: object) -> None:
-        read.append(files)
-        raise ReplayError("enough")
-
-    monkeypatch.setattr("icreckon.cli.calibrate._read", stop)
-    (tmp_path / "bags").mkdir()
-    files = [tmp_path / "bags" / name for name in ("1.bag", "2.bag", "truth.tum", "notes.md")]
-    for file in files:
-        file.touch()
-    with pytest.raises(ReplayError, match="enough"):
-        calibrated(tmp_path, paths=["bags"])
-    assert [[file.name for file in log] for log in read] == [["1.bag", "2.bag", "truth.tum"]]
 
 
 @pytest.mark.slow

@@ -93,14 +93,6 @@ def test_two_robot_files_are_compared_on_the_same_segments(folder: Path, robots:
     assert "Robot files compared" in page
 
 
-def test_a_log_that_fails_with_both_robots_leaves_no_folder(folder: Path) -> None:
-    both = (*AURIGA, "--robot", "wide.toml", *WORDS, "--out", "some")
-    done = icreckon("replay", "broken.bag", "monday", *both, cwd=folder)
-    assert done.returncode == 1
-    assert (folder / "some" / "monday" / "wide" / "page.html").exists()
-    assert not (folder / "some" / "broken").exists()
-
-
 def test_what_cannot_be_compared_is_refused_in_one_line(folder: Path) -> None:
     same = ("monday", *AURIGA, *AURIGA, *WORDS)
     assert "robot file auriga-alpha is given twice" in fails("replay", *same, cwd=folder)

@@ -76,15 +76,6 @@ def test_an_imu_without_accelerometer(tmp_path: Path, robot: Robot) -> None:
     assert_same(found, log, robot.vehicle.sprocket_radius)
 
 
-@pytest.mark.parametrize(("form", "suffix"), [("mcap", ".mcap"), ("sqlite3", ".db3")])
-def test_a_bare_file(tmp_path: Path, robot: Robot, form, suffix) -> None:
-    log = make_log()
-    path = write_log(log, tmp_path / f"bare{suffix}", form, robot)
-    assert path.is_file()
-    assert_same(read_log(path, robot), log, robot.vehicle.sprocket_radius)
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_a_log_without_imu_fixes_and_truth(tmp_path: Path, robot: Robot) -> None:
     log = replace(make_log(1.0), imu=None, fixes=None, truth=None)
     found = read_log(write_log(log, tmp_path / "bag", "mcap", robot), robot)

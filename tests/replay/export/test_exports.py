@@ -62,15 +62,6 @@ def test_formats_are_named_in_any_order_and_case() -> None:
     assert parse_formats(",".join(FORMATS)) == tuple(FORMATS)
 
 
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [("kity", "did you mean 'kitti'"), ("tum,parket", "did you mean 'parquet'"), (" , ", "none")],
-)
-def test_a_misspelt_format_is_refused(text: str, told: str) -> None:
-    with pytest.raises(ReplayError, match=f"--formats.*{told}"):
-        parse_formats(text)
-
-
 def test_the_command_writes_what_is_asked_for_and_refuses_what_it_does_not_know(tmp_path):
     words = ("--duration", 20, "--outage", "5:20", "--seed", 3)
     succeeds("simulate", "--out", "run", *words, cwd=tmp_path)

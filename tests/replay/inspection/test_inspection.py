@@ -161,17 +161,6 @@ def test_a_made_bag(tmp_path: Path, robot: Robot) -> None:
     assert topics == topic_map(robot)
 
 
-@pytest.mark.parametrize("form", ["mcap", "ros1"])
-def test_a_cut_bag(tmp_path: Path, robot: Robot, form) -> None:
-    path = write_log(make_log(), tmp_path / ("bag.mcap" if form == "mcap" else "bag"), form, robot)
-    data = path.read_bytes()
-    path.write_bytes(data[: len(data) // 2])
-    found = inspect(path)
-    assert "cut short" in found.notes[0]
-    _, topics = proposed(found, tmp_path)
-    assert topics.tracks.topic == "/joint_states"
-
-
 def test_a_bag_with_nothing_of_use(tmp_path: Path) -> None:
     mapped = Robot(
         "x", Vehicle(1.0, 1.0, 1.0), log={"tracks": {"topic": "/j", "left": ["a"], "right": ["b"]}}

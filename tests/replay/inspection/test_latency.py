@@ -75,15 +75,6 @@ def test_it_is_taken_off_the_stamps(tmp_path: Path) -> None:
     assert (shifted.tracks.speeds == in_time.tracks.speeds).all()
 
 
-def test_columns_have_a_latency_too(tmp_path: Path) -> None:
-    lines = ["t,l,r", *(f"{0.1 * i:.1f},0.5,0.5" for i in range(1, 30))]
-    table = tmp_path / "log.csv"
-    table.write_text("\n".join(lines), encoding="utf-8")
-    columns = {"time": "t", "tracks": {"left": ["l"], "right": ["r"], "latency": 0.1}}
-    robot = structs.replace(load_robot("marmotte"), log={"columns": columns})
-    assert read_log(table, robot).tracks.stamps[0] == 0
-
-
 @pytest.mark.parametrize("latency", [float("nan"), 11.0])
 def test_nonsense_is_refused(latency: float) -> None:
     with pytest.raises(ReplayError, match="latency must be a number of seconds"):

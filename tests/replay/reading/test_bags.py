@@ -83,14 +83,6 @@ def test_odometry_becomes_track_speeds(tmp_path: Path, gauge, half, kind) -> Non
     np.testing.assert_allclose(log.tracks.speeds, [[1.5 - half * 0.5, 1.5 + half * 0.5]])
 
 
-def test_time_of_recording(tmp_path: Path) -> None:
-    path = write_bag(tmp_path / "bag", SPEEDS, delay=250)
-    log = read_log(path, robot_with(tracks=JOINTS | {"time": "recording"}))
-    np.testing.assert_array_equal(
-        log.tracks.stamps, [10**9 + 250, 2 * 10**9 + 250, 3 * 10**9 + 250]
-    )
-
-
 def test_header_stamps_that_are_all_zero_are_refused(tmp_path: Path) -> None:
     zeros = [("/js", joints(0, (1.0, 2.0))), ("/js", joints(0, (1.0, 2.0)))]
     path = write_bag(tmp_path / "bag", zeros)
@@ -191,15 +183,6 @@ def test_a_missing_topic_lists_those_that_are_there(tmp_path: Path) -> None:
         read_log(path, robot_with(tracks=JOINTS | {"topic": "/wheels"}))
     for part in ("/wheels", "/js (sensor_msgs/msg/JointState)", "/imu (sensor_msgs/msg/Imu)"):
         assert part in str(caught.value)
-
-
-def test_other_missing_topics_are_noted(tmp_path: Path) -> None:
-    robot = robot_with(tracks=JOINTS, imu={"topic": "/i"}, truth={"topic": "/t", "twist": "/tt"})
-    log = read_log(write_bag(tmp_path / "bag", SPEEDS), robot)
-    imu_note, truth_note = log.notes
-    assert "'/i' for imu is not in the bag" in imu_note
-    assert "'/t' for truth is not in the bag" in truth_note
-    assert "'/tt'" not in truth_note
 
 
 def test_an_imu_that_the_robot_file_leaves_out_is_noted(tmp_path: Path) -> None:

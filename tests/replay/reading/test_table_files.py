@@ -143,17 +143,6 @@ def test_one_table_with_empty_cells_for_several_streams(tmp_path: Path) -> None:
     assert log.truth.source == "tape measure"
 
 
-def test_streams_in_files_of_their_own(tmp_path: Path) -> None:
-    tracks = write(tmp_path / "tracks.csv", RUN)
-    imu = write(tmp_path / "imu.csv", "time;x;y;z\n1.55;0.1;0.2;0.3\n")
-    robot = robot_with(tracks=SPEEDS, imu={"angular_velocity": ["x", "y", "z"], "time": "time"})
-    log = read_log([tracks, imu], robot)
-    assert log.imu.linear_acceleration is None
-    np.testing.assert_array_equal(log.imu.angular_velocity, [[0.1, 0.2, 0.3]])
-    np.testing.assert_array_equal(log.imu.stamps, [1_550_000_000])
-    assert len(log.tracks.stamps) == 2
-
-
 @pytest.mark.parametrize("name", ["truth.tum", "groundtruth.txt"])
 def test_a_trajectory_is_a_truth(tmp_path: Path, name: str) -> None:
     """Its times are seconds, whatever the unit of the other tables."""
@@ -268,12 +257,6 @@ def test_a_table_needs_a_column_map(tmp_path: Path) -> None:
     path = write(tmp_path / "run.csv", RUN)
     with pytest.raises(ReplayError, match=r"\[log.columns\] .* its columns are t, l, r"):
         read_log(path, Robot("test", VEHICLE))
-
-
-def test_a_stream_that_is_not_there_is_noted(tmp_path: Path) -> None:
-    log = read(write(tmp_path / "run.csv", RUN), tracks=SPEEDS, imu={"angular_velocity": ["gz"]})
-    assert log.imu is None
-    assert "columns t, gz for imu are not all in one table" in log.notes[0]
 
 
 def test_spaces_and_a_byte_order_mark(tmp_path: Path) -> None:

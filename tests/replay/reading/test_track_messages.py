@@ -121,13 +121,6 @@ def test_joints_that_count(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.tracks.stamps, [SECOND // 5, 3 * SECOND // 10])
 
 
-def test_joints_without_positions(tmp_path: Path) -> None:
-    messages = [("/js", joints(k * SECOND, ())) for k in (1, 2)]
-    path = write_bag(tmp_path / "bag", messages)
-    with pytest.raises(ReplayError, match=r"2 x cannot be decoded; wanted are the positions"):
-        read_log(path, robot_with(tracks=JOINTS | {"unit": "rad"}))
-
-
 def test_four_wheels_that_wrap_are_refused(tmp_path: Path) -> None:
     mapped = {"topic": "/js", "left": ["a", "b"], "right": ["c", "d"], "unit": "rad", "wrap": 6.28}
     with pytest.raises(ReplayError, match="one counter a side"):

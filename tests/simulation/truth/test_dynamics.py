@@ -190,21 +190,6 @@ def test_the_truth_stands_still_at_first_and_then_drives():
     assert np.abs(ahead).max() < 0.3
 
 
-def test_a_slope_shows_in_the_gravity_of_the_motion():
-    truth = FrictionTruth(spread=0.0, patches=(Patch(slope_deg=5.0, uphill_deg=90.0),))
-    motion = run(truth)
-    size = GRAVITY * np.sin(np.radians(5.0))
-    np.testing.assert_allclose(np.linalg.norm(motion.gravity, axis=1), GRAVITY, rtol=1e-12)
-    np.testing.assert_allclose(motion.gravity[:, 0], -size * np.sin(motion.poses[:, 2]), atol=1e-12)
-
-
-def test_a_vehicle_that_tips_over_is_said_so():
-    steep = FrictionTruth(spread=0.0, patches=(Patch(slope_deg=20.0, uphill_deg=90.0),))
-    with pytest.raises(SimulationError, match=r"tips over \d+\.\d+ s after the start"):
-        run(steep)
-    run(FrictionTruth(spread=0.0, patches=(Patch(slope_deg=10.0, uphill_deg=90.0),)))
-
-
 def test_a_drawn_contact_differs_from_the_file_by_its_spread():
     robot = load_robot("auriga-alpha")
     assert draw_contact(robot, 0.0, np.random.default_rng(1)) == contact_of(robot)
