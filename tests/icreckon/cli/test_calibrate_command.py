@@ -13,20 +13,12 @@ from rich.console import Console
 
 from command_line import results_in, succeeds
 from conftest import simulated
-from icreckon import (
-    IcreckonError,
-    ReplayError,
-    calibrate,
-    compare,
-    drift,
-    read_log,
-    robot_toml,
-    write_log,
-)
+from icreckon import IcreckonError, ReplayError, calibrate, compare, drift, read_log, robot_toml
 from icreckon.cli.calibrate import command
 from icreckon.estimator.robot.robot_file import Robot, Slip, changed_robot, load_robot
 from icreckon.replay.calibration import results
 from icreckon.replay.calibration.robot_file import robot_file_text
+from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.report.calibration.tables import calibration_page, calibration_tables, parameter_table
 from readme import code_blocks, run_page

@@ -15,17 +15,9 @@ import pytest
 
 from command_line import fails, icreckon_alone, results_in, succeeds
 from conftest import thorough
-from icreckon import (
-    VARIANTS,
-    EncoderSpec,
-    FixSpec,
-    Log,
-    load_robot,
-    load_scenario,
-    read_log,
-    simulate,
-)
+from icreckon import VARIANTS, EncoderSpec, FixSpec, Log, load_robot, read_log, simulate
 from icreckon.cli.main import COMMANDS, load
+from icreckon.simulation.scenario import load_scenario
 
 
 @pytest.fixture(scope="module")
@@ -138,10 +130,7 @@ def test_simulate_a_scenario_file_and_what_the_command_line_changes(tmp_path: Pa
 @pytest.mark.parametrize(
     ("words", "proposed"),
     [
-        (
-            ("--out", "my run", "--robot", "jackal", "--duration", 20),
-            "replay 'my run' --robot jackal",
-        ),
+        (("--out", "a b", "--robot", "jackal", "--duration", 20), "replay 'a b' --robot jackal"),
         (("--out", "run", "--duration", 60), "replay run --robot auriga-alpha --fixes 0:40%"),
     ],
 )

@@ -23,27 +23,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Wheels, IMU and truth of a drive, each in a table; in `early` with stamps from -20 s on."""
     folder = tmp_path_factory.mktemp("tables")
     log = simulate(Scenario(duration=45.0, seed=2, fix_rate=0.0), ROBOT)
+    tracks, imu, truth = log.tracks, log.imu, log.truth.poses
+    readings = np.hstack([imu.angular_velocity, imu.linear_acceleration])
     tables = {
-        "wheels": ("t,left,right", log.tracks.stamps, log.tracks.speeds),
-        "imu": (
-            "t,gx,gy,gz,ax,ay,az",
-            log.imu.stamps,
-            log.imu.angular_velocity,
-            log.imu.linear_acceleration,
-        ),
-        "truth": (
-            "t,truth_x,truth_y,truth_yaw",
-            log.truth.poses.stamps,
-            log.truth.poses.poses[:, :3],
-        ),
+        "wheels": ("t,left,right", tracks.stamps, tracks.speeds),
+        "imu": ("t,gx,gy,gz,ax,ay,az", imu.stamps, readings),
+        "truth": ("t,truth_x,truth_y,truth_yaw", truth.stamps, truth.poses),
     }
     for place, offset in ((folder, 0.0), (folder / "early", -20.0)):
         place.mkdir(exist_ok=True)
-        for name, (head, stamps, *values) in tables.items():
-            rows = np.column_stack([(stamps - log.start) * 1e-9 + offset, *values])
-            np.savetxt(
-                place / f"{name}.csv", rows, delimiter=",", header=head, comments="", fmt="%.9f"
-            )
+        for name, (head, stamps, values) in tables.items():
+            rows = np.column_stack([(stamps - log.start) * 1e-9 + offset, values])
+            how = {"delimiter": ",", "header": head, "comments": "", "fmt": "%.9f"}
+            np.savetxt(place / f"{name}.csv", rows, **how)
         (place / "robot.toml").write_text(robot_toml(ROBOT) + COLUMNS, encoding="utf-8")
     return folder
 

@@ -1,6 +1,7 @@
 """A truth without headings from end to end: NavSatFix in a bag, dead headings, one that is late."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 from pymap3d import enu2geodetic
 
-from bag_messages import imu, joints, navsatfix, pose_stamped, write_bag
+from bag_messages import navsatfix, pose_stamped, write_bag
 from command_line import fails, results_in, succeeds
 from icreckon import Log, PoseSeries, Scenario, Truth, read_log, simulate, write_log
 from icreckon.estimator.base.frames import rotate
@@ -18,6 +19,16 @@ ALPHA = load_robot("auriga-alpha")
 ORIGIN = (52.0, 13.0, 40.0)
 TURNED = 0.8
 VARIANT = "constant-online"
+
+
+def bag_with(log: Log, folder: Path, truth: list[tuple[str, object]]) -> Path:
+    """A folder with two bags of a recording: the sensors, and messages that tell the truth."""
+    folder.mkdir()
+    write_log(replace(log, truth=None, fixes=None), folder / "log.mcap", "mcap", ALPHA)
+    made = write_bag(folder / "made", truth)
+    next(made.glob("*.mcap")).rename(folder / "truth.mcap")
+    shutil.rmtree(made)
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -41,32 +52,10 @@ def east_north(log: Log) -> tuple[np.ndarray, np.ndarray]:
     return stamps[::every], places[::every]
 
 
-def sensors(log: Log) -> list[tuple[str, object]]:
-    radius = ALPHA.vehicle.sprocket_radius
-    names = ("left_track_joint", "right_track_joint")
-    messages: list[tuple[str, object]] = [
-        ("/joint_states", joints(stamp, rates, names))
-        for stamp, rates in zip(
-            log.tracks.stamps.tolist(), (log.tracks.speeds / radius).tolist(), strict=True
-        )
-    ]
-    rows = zip(
-        log.imu.stamps.tolist(),
-        log.imu.angular_velocity.tolist(),
-        log.imu.linear_acceleration.tolist(),
-        strict=True,
-    )
-    messages += [("/imu/data_raw", imu(stamp, rate, force)) for stamp, rate, force in rows]
-    return messages
-
-
 def bag_with_gps(log: Log, path: Path) -> Path:
     stamps, places = east_north(log)
-    truth = [
-        ("/truth/gps", receiver(stamp, *place))
-        for stamp, place in zip(stamps.tolist(), places.tolist(), strict=True)
-    ]
-    return write_bag(path, [*sensors(log), *truth])
+    rows = zip(stamps.tolist(), places.tolist(), strict=True)
+    return bag_with(log, path, [("/truth/gps", receiver(stamp, *place)) for stamp, place in rows])
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +117,7 @@ def test_dead_headings_are_not_scored(log: Log, tmp_path: Path) -> None:
         ("/pose", pose_stamped(stamp, x=x, y=y, q=(0.0, 0.0, sin, cos)))
         for stamp, (x, y, sin, cos) in zip(stamps.tolist(), rows, strict=True)
     ]
-    bag = write_bag(tmp_path / "bag", [*sensors(log), *truth])
+    bag = bag_with(log, tmp_path / "bag", truth)
     words = ("--robot", robot_file(tmp_path, '[log.truth]\ntopic = "/pose"\n'))
     done = succeeds("replay", bag, *words, "--variants", VARIANT, "--json", cwd=tmp_path)
     results = json.loads(done.stdout)

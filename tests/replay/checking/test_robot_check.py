@@ -206,30 +206,31 @@ def test_signs_of_a_twist_are_those_of_its_driver(log: Log, backward, turns_alik
 @pytest.mark.parametrize("backward", [False, True])
 def test_a_heading_off_the_direction_of_driving_is_named(backward: bool) -> None:
     scenario = Scenario(duration=110.0, seed=3, fix_rate=5.0, trajectory="slalom")
-    log = simulate(scenario, ALPHA)
-    sign = -1.0 if backward else 1.0
+    log = replace(simulate(scenario, ALPHA), others=())
     poses = log.truth.poses
-    headings = tuple(
-        HeadingFix(int(stamp), float(pose[2]) + (0.0 if not backward else np.pi), 1e-4)
-        for stamp, pose in zip(poses.stamps[::20], poses.poses[::20], strict=True)
-    )
-    log = replace(speeds(log, lambda v: sign * v[:, :: int(sign)]), others=headings)
-    mapped = {"heading": {"topic": "/heading", "sigma": 0.01}, **MAPPED.log}
-    robot = with_values(ALPHA, log=mapped)
-    assert HEADING not in problems(replace(log, truth=None), robot)
-    turned = tuple(replace(fix, yaw=fix.yaw - 0.5 * np.pi) for fix in headings)
-    wrong = replace(log, truth=None, others=turned)
+    drives = replace(scaled(-1.0)(swapped(log)) if backward else log, truth=None)
+    robot = with_values(ALPHA, log={"heading": {"topic": "/heading", "sigma": 0.01}, **MAPPED.log})
+
+    def headed(off) -> Log:
+        """The log with a compass that is off by an angle, which may depend on the stamp."""
+        turned = np.pi if backward else 0.0
+        return replace(
+            drives,
+            others=tuple(
+                HeadingFix(int(stamp), float(pose[2]) + turned + off(stamp), 1e-4)
+                for stamp, pose in zip(poses.stamps[::20], poses.poses[::20], strict=True)
+            ),
+        )
+
+    assert HEADING not in problems(headed(lambda _: 0.0), robot)
+    wrong = headed(lambda _: -0.5 * np.pi)
     (found,) = [one for one in check_robot(wrong, robot) if one.name == HEADING]
     assert "deg right of the direction of driving" in found.problem
     assert found.settings["log.heading.offset_deg"] == pytest.approx(90.0, abs=5.0)
     assert HEADING not in problems(*found.correction(wrong, robot))
     # A compass that drifts has no right offset.
-    span = log.duration * 1e9
-    drifting = tuple(
-        replace(fix, yaw=fix.yaw + 0.5 * (fix.stamp - log.start) / span) for fix in headings
-    )
-    said = problems(replace(log, truth=None, others=drifting), robot)[HEADING]
-    assert re.search(r"turn by (2[5-9]|3[0-2]) ± ", said)
+    drifting = headed(lambda stamp: 0.5 * (stamp - log.start) / (log.duration * 1e9))
+    assert re.search(r"turn by (2[5-9]|3[0-2]) ± ", problems(drifting, robot)[HEADING])
 
 
 @pytest.mark.parametrize(("side", "name"), [(0, "left"), (1, "right")])

@@ -10,7 +10,7 @@ import pytest
 from test_inspection import driven_log
 
 from conftest import inspected, sample_log, thorough
-from icreckon import HeadingFix, Log, compare, drift, inspect, read_log
+from icreckon import Log, compare, drift, inspect, read_log
 from icreckon.estimator.log.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
 from icreckon.replay.checking.robot_check import check_robot, is_of_another
@@ -125,38 +125,17 @@ def test_a_slow_gyro_in_degrees_is_found_against_odometry() -> None:
     assert "times the odometry's yaw rate; in deg/s?" in said
 
 
-def test_the_offset_of_a_heading() -> None:
-    log = in_rates(driven_log((0.0, 0.0, 0.0)))
-    poses = log.truth.poses
-    chosen = slice(None, None, 25)
-    fixes = FixSeries(
-        poses.stamps[chosen], poses.poses[chosen], np.full((len(poses.stamps[chosen]), 2), 1e-4)
-    )
-    headings = tuple(
-        HeadingFix(int(stamp), float(pose[2] - 1.2), 0.01)
-        for stamp, pose in zip(poses.stamps[chosen], poses.poses[chosen], strict=True)
-    )
-    log = replace(log, truth=None, fixes=fixes, others=headings)
-    assert wheels.heading_offset(log).value == pytest.approx(np.degrees(1.2), abs=3.0)
-    assert wheels.heading_offset(replace(log, others=())) is None
-
-
-def test_a_side_that_is_stuck_is_a_finding(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("left", "right", "is_stuck"),
+    [(lambda k: 0.5 + 0.01 * k, 0.0, True), (lambda k: 0.22 + 0.01 * (k % 3), 0.22, False)],
+    ids=["stuck", "a coarse encoder at a steady speed"],
+)
+def test_a_side_that_is_stuck_is_a_finding(tmp_path: Path, left, right, is_stuck) -> None:
+    rows = [f"{0.1 * k:.1f},{left(k):.2f},{right}" for k in range(200)]
     path = tmp_path / "table.csv"
-    rows = [f"{0.1 * k:.1f},{0.5 + 0.01 * k:.2f},0.0" for k in range(60)]
     path.write_text("\n".join(["t,left_speed,right_speed", *rows]), encoding="utf-8")
-    assert any("the right side repeats one reading" in text for text in inspect(path).findings)
-    # A coarse encoder at a steady speed is healthy.
-    path.write_text(
-        "\n".join(
-            [
-                "t,left_speed,right_speed",
-                *(f"{0.1 * k:.1f},{0.22 + 0.01 * (k % 3):.2f},0.22" for k in range(200)),
-            ]
-        ),
-        encoding="utf-8",
-    )
-    assert not any("repeats one reading" in text for text in inspect(path).findings)
+    found = any("the right side repeats one reading" in text for text in inspect(path).findings)
+    assert found == is_stuck
 
 
 def test_counters_need_their_counts(tmp_path: Path) -> None:

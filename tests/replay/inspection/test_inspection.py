@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ def proposed(inspection: Inspection, folder: Path) -> tuple[Robot, TopicMap]:
     return robot, topic_map(robot)
 
 
+@cache
 def driven_log(rpy_deg: tuple[float, float, float], z_only: bool = False) -> Log:
     """A drive of bends, stops and starts, seen by an IMU that is mounted like this."""
     rng = np.random.default_rng(2)

@@ -50,18 +50,6 @@ def test_joints_of_any_name_are_inspected_and_replayed(tmp_path: Path, apart: bo
     assert log.dropped == {}
 
 
-def test_wheels_whose_messages_are_missing_leave_gaps(tmp_path: Path) -> None:
-    def side(name: str, tenths: list[int]):
-        return [("/js", joints(k * 10**8, (k,), (name,))) for k in tenths]
-
-    left, right = side("l", [1, 2, 3, 4, 20, 21]), side("r", [1, 3, 4, 21])
-    messages = sorted(left + right, key=lambda one: one[1].header.stamp.nanosec // 10**8 % 10)
-    messages.sort(key=lambda one: one[1].header.stamp.sec)
-    log = read_log(write_bag(tmp_path / "bag", messages), robot_with(tracks=JOINTS))
-    assert log.tracks.stamps.tolist() == [k * 10**8 for k in (1, 3, 4, 21)]
-    np.testing.assert_allclose(log.tracks.speeds, [[0.5 * k, 0.5 * k] for k in (1, 3, 4, 21)])
-
-
 def test_wheels_with_messages_of_their_own_are_interpolated(tmp_path: Path) -> None:
     """Both wheels speed up alike, and their messages alternate: paired, the robot would seem to turn."""
     ticks = range(20, 60)

@@ -60,15 +60,6 @@ def test_heights_are_used_with_a_sigma_alone(tmp_path: Path) -> None:
     assert read(tmp_path / "other", fixes, fixes={"topic": "/fix"}).others == ()
 
 
-def test_gps_about_a_given_origin(tmp_path: Path) -> None:
-    mapped = {"topic": "/fix", "origin": [51.999, 13.0, 0.0], "position_sigma": 2.0}
-    log = read(tmp_path / "bag", [("/fix", navsatfix(SECOND, 52.0, 13.0, known=0))], fixes=mapped)
-    np.testing.assert_allclose(log.fixes.poses[0, :2], [0.0, 111.267], atol=0.01)
-    assert log.fixes.variances[0, 0] == 4.0
-    assert log.notes == ()
-    assert log.origin == (51.999, 13.0, 0.0)
-
-
 def test_fixes_that_claim_to_be_too_good_are_taken_for_less(tmp_path: Path) -> None:
     fixes = [
         navsatfix(1 * SECOND, 52.0, 13.0, variances=(0.01, 0.01)),

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bag_messages import JOINTS, SPEEDS, halves, imu, joints, odometry, robot_with, write_bag
+from bag_messages import JOINTS, SPEEDS, halves, joints, odometry, robot_with, write_bag
 from conftest import make_log
 from icreckon import Log, ReplayError, Robot, load_robot, read_log, write_log
 from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
@@ -94,19 +94,6 @@ def test_clocks(streams: dict[str, Evidence], clocks: list[str]) -> None:
     chosen = choose_clocks(streams)
     assert [choice.clock for choice in chosen.values()] == clocks
     assert all(choice.reason for choice in chosen.values())
-
-
-def test_a_clock_that_is_off_is_noted(tmp_path: Path) -> None:
-    days = 19 * 86_400 * SECOND
-    messages = [*SPEEDS, *(("/imu", imu(k * SECOND + days)) for k in (1, 2, 3))]
-    times = [k * SECOND for k in (1, 2, 3, 1, 2, 3)]
-    path = write_bag(tmp_path / "bag", messages, times=times)
-    mapped = {"tracks": JOINTS, "imu": {"topic": "/imu"}}
-    log = read_log(path, robot_with(**mapped))
-    np.testing.assert_array_equal(log.imu.stamps, [SECOND, 2 * SECOND, 3 * SECOND])
-    assert "imu by the time of recording: the header stamps are 19.0 days after" in log.notes[0]
-    mapped["imu"]["time"] = "header"
-    assert read_log(path, robot_with(**mapped)).imu.stamps[0] == SECOND + days
 
 
 def test_progress_of_reading(tmp_path: Path, robot: Robot) -> None:

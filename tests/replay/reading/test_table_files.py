@@ -181,24 +181,6 @@ def test_times_since_1970(tmp_path: Path, kind: str, unit: str) -> None:
     )
 
 
-def test_fixes_on_the_globe(tmp_path: Path) -> None:
-    text = (
-        "t,l,r,lat,lon,s\n"
-        "0.0,0,0,52.0,13.0,0.5\n"
-        "0.1,0,0,52.001,13.0,0.5\n"
-        "0.2,0,0,0.0,0.0,0.5\n"
-        "0.3,0,0,52.0,13.001,0.7\n"
-    )
-    fixes = {"latitude": "lat", "longitude": "lon", "sigma": "s", "origin": [52.0, 13.0, 0.0]}
-    log = read(write(tmp_path / "run.csv", text), tracks=SPEEDS, fixes=fixes)
-    # By the lengths of a degree at this latitude on WGS 84.
-    np.testing.assert_allclose(
-        log.fixes.poses[:, :2], [[0, 0], [0, 111.267], [68.677, 0]], atol=0.01
-    )
-    np.testing.assert_allclose(log.fixes.variances[:, 0], [0.25, 0.25, 0.49])
-    assert log.dropped == {"fixes: not a place on the globe": 1}
-
-
 def test_fixes_in_the_plane(tmp_path: Path) -> None:
     text = "t,l,r,x,y,h\n0.0,0,0,1,2,0.5\n0.1,0,0,3,4,\n"
     fixes = {"x": "x", "y": "y", "yaw": "h", "position_sigma": 0.1, "heading_sigma": 0.2}
@@ -292,16 +274,6 @@ def test_names_that_are_not_utf8(tmp_path: Path) -> None:
     path.write_bytes("t,links [°],r\n1,1,1\n".encode("latin-1"))
     with pytest.raises(ReplayError, match="names of its columns are not UTF-8; `iconv"):
         read(path, time="t", tracks={"left": ["l"], "right": ["r"]})
-
-
-@pytest.mark.parametrize(("delimiter", "suffix"), [(";", ".csv"), ("\t", ".tsv")])
-def test_decimal_commas_are_read(tmp_path: Path, delimiter: str, suffix: str) -> None:
-    rows = ["t,l,r", "0.0,0.25,-1.5e-1", "0.5,0.5,1"]
-    plain = read(write(tmp_path / "plain.csv", "\n".join(rows) + "\n"), tracks=SPEEDS)
-    others = [row.replace(",", delimiter).replace(".", ",") for row in rows]
-    log = read(write(tmp_path / f"commas{suffix}", "\n".join(others) + "\n"), tracks=SPEEDS)
-    np.testing.assert_array_equal(log.tracks.speeds, plain.tracks.speeds)
-    np.testing.assert_array_equal(log.tracks.stamps, plain.tracks.stamps)
 
 
 ROWS = [f"{0.1 * k:.1f},0.25,0.5" for k in range(200)]

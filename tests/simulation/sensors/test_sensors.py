@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from icreckon import EncoderSpec, FixSpec, Indices, InertialSpec, SimulationError, Slip, load_robot
+from icreckon.estimator.base.frames import rotate
 from icreckon.simulation.base.sampling import EPOCH, sample_times, to_stamps
 from icreckon.simulation.drives.trajectories import make_trajectory
 from icreckon.simulation.sensors.encoders import DROPOUT_READINGS, STANDING, EncoderErrors
@@ -107,23 +108,14 @@ def test_sideways_mounting_is_undone_by_the_rotation_of_the_robot_file():
 def test_forces_are_the_second_derivative_of_the_imu_s_path():
     command = make_trajectory("slalom", 20.0, ALPHA, rng())
     motion = EXACT.run(command, 20.0, ALPHA, rng(), rate=1000.0)
-    place, step = np.array([0.3, -0.2]), 0.01
-    times = np.arange(4.0, 19.0, 0.25)
+    times, step = np.arange(4.0, 19.0, 0.25), 0.01
 
     def path(at):
-        x, y, yaw = motion.poses_at(at).T
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        return np.stack(
-            [x + cos * place[0] - sin * place[1], y + sin * place[0] + cos * place[1]], axis=-1
-        )
+        poses = motion.poses_at(at)
+        return poses[:, :2] + rotate(np.tile([0.3, -0.2], (len(at), 1)), poses[:, 2])
 
     in_odom = (path(times + step) - 2.0 * path(times) + path(times - step)) / step**2
-    yaw = motion.poses_at(times)[:, 2]
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    expected = np.stack(
-        [cos * in_odom[:, 0] + sin * in_odom[:, 1], cos * in_odom[:, 1] - sin * in_odom[:, 0]],
-        axis=-1,
-    )
+    expected = rotate(in_odom, -motion.poses_at(times)[:, 2])
     forces = specific_forces(motion, times, 0.01, (0.3, -0.2, 0.0))
     assert np.allclose(forces[:, :2], expected, atol=1e-3)
 

@@ -207,10 +207,7 @@ def test_a_drawn_contact_differs_from_the_file_by_its_spread():
         (lambda: Patch(slope_deg=70.0), "slope_deg of a patch must be between 0 and 60"),
         (lambda: Patch(x=(1.0, 3.0)), "a patch changes nothing; give it friction, rolling"),
         (lambda: Payload(time=(1.0, 0.0), mass=1.0), "time of a payload must rise"),
-        (
-            lambda: Payload(time=(0.0, 1.0), mass=1.0, position=(0.0, 0.0, -1.0)),
-            "must not be below the ground",
-        ),
+        (lambda: Payload(time=(0.0, 1.0), mass=1.0, position=(0, 0, -1.0)), "below the ground"),
     ],
 )
 def test_nonsense_is_refused(make, message):

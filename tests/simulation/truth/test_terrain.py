@@ -232,14 +232,8 @@ def test_bad_terrain_is_refused(values: dict[str, Any], message: str) -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        (
-            {"kerb_height": 0.5},
-            r"kerb_height of the terrain must be at most 0.231 m: .* over 0.8 m",
-        ),
-        (
-            {"rolling_deg": 20.0, "wavelength": 0.5},
-            "wavelength of the terrain must be at least 3.2 m",
-        ),
+        ({"kerb_height": 0.5}, "kerb_height of the terrain must be at most 0.231 m"),
+        ({"rolling_deg": 20.0, "wavelength": 0.5}, "wavelength of the terrain must be at least"),
         ({"kerb_height": 0.1, "kerb_every": 0.5}, "kerb_every of the terrain must be at least"),
         ({"slope_deg": 25.0, "uphill_deg": 90.0}, "the vehicle tips over"),
     ],
