@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from icreckon import FixSpec, HeadingFix, Log, Scenario, compare, simulate
 from icreckon.estimator.base.frames import rotate, wrap_angle
@@ -36,6 +37,13 @@ def start(log: Log, robot: Robot):
 def test_fixes_in_odom_start_at_the_origin(log: Log, robot: Robot) -> None:
     assert start(replace(log, truth=None), robot) == EXACT_ORIGIN
     assert start(replace(log, fixes=None), robot) == EXACT_ORIGIN
+
+
+def test_a_start_at_fixes_that_wander_counts_for_little(log: Log, robot: Robot) -> None:
+    """The filter uses the same fixes once more."""
+    fixes = {"topic": "/fix", "wander_sigma": 1.2, "wander_time": 60.0}
+    wandering = structs.replace(robot, log=robot.log | {"fixes": fixes})
+    assert start(moved(log, 500.0, -80.0, 2.0), wandering).sigma[0] > 3.0 * 1.2
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpe
 from icreckon.replay.base.diagnostic_status import OK, WARN, DiagnosticStatus
 from icreckon.replay.live.manoeuvres import missing_manoeuvres
 from icreckon.replay.live.slip import SlipWatch
-from icreckon.replay.live.statuses import parameter_statuses
 
 ROBOT = load_robot("auriga-alpha")
 GAUGE = ROBOT.vehicle.track_gauge
@@ -84,16 +83,6 @@ def test_fixes_that_stay_while_the_tracks_drive_are_a_stuck_robot() -> None:
             levels.append(watch.look(estimator, tracks)[1].level)
     assert levels[:50] == [OK] * 50
     assert levels[60:].count(WARN) > 30  # of 40, from two seconds after
-
-
-def test_parameters_have_values_and_standard_deviations() -> None:
-    estimator, _ = driven((10, 0.2, 0.2, 0.0))
-    found = {one.name: one.values for one in parameter_statuses(estimator)}
-    assert {*estimator.parameters, *estimator.biases} == set(found)
-    assert float(found["eta0"]["value"]) == pytest.approx(estimator.parameters["eta0"])
-    sigma = math.sqrt(estimator.covariance[STATE_NAMES.index("eta0"), STATE_NAMES.index("eta0")])
-    assert float(found["eta0"]["sigma"]) == pytest.approx(sigma)
-    assert float(found["eta0"]["share"]) == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_manoeuvre_is_missing_until_it_was_driven() -> None:

@@ -71,6 +71,21 @@ def test_fixes_that_claim_to_be_too_good_are_taken_for_less(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
+    ("keys", "variance"),
+    [
+        ({}, 1.5),
+        ({"position_sigma": 0.3}, 1.5),
+        ({"wander_sigma": 1.2, "wander_time": 60.0}, 1.5),
+        ({"wander_sigma": 1.2, "wander_time": 60.0, "position_sigma": 0.3}, 0.09),
+    ],
+)
+def test_the_white_part_of_fixes_that_wander_may_be_given(tmp_path, keys, variance):
+    fix = ("/fix", made.pose_with_covariance(SECOND, (1.5, 1.5, 0.0), x=1.0))
+    log = read(tmp_path / "bag", [fix], fixes={"topic": "/fix", **keys})
+    assert log.fixes.variances[0, 0] == pytest.approx(variance)
+
+
+@pytest.mark.parametrize(
     ("key", "place"),
     [("position", one) for one in ([400.0, 0.0], [float("nan"), 0.0], [0.1], "0.1")]
     + [("origin", one) for one in ([91.0, 0.0, 0.0], [float("nan"), 0.0, 0.0])],
