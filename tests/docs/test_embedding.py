@@ -62,11 +62,15 @@ def test_body_velocity_of_a_motion_on_a_circle(guide):
     assert found.variance == pytest.approx(0.01)
 
 
-def test_restored_and_warm_started_are_what_the_guide_says(guide):
+def test_restored_warm_started_and_docked_are_what_the_guide_says(guide):
     names, _ = guide
     assert (names["same"].pose == names["fused"].pose).all()
     assert (names["later"].pose == 0.0).all()
     assert names["later"].parameters == names["fused"].parameters
+    docked = names["docked"]
+    assert docked.pose == pytest.approx([0.1, 0.0, 0.2], abs=0.02)
+    assert docked.biases["gyro_bias"] == pytest.approx(0.004, abs=1e-3)
+    assert docked.health.rejections() == {}
 
 
 def test_every_example_says_something(guide):
@@ -76,14 +80,6 @@ def test_every_example_says_something(guide):
     text = "".join(printed)
     (learnt,) = re.findall(r"eta0: \S+, share nan\nepsilon0: \S+, share (\S+)\n", text)
     assert float(learnt) < 1.0
-
-
-def test_the_dock_is_found_and_the_bias_with_it(guide):
-    names, _ = guide
-    docked = names["docked"]
-    assert docked.pose == pytest.approx([0.1, 0.0, 0.2], abs=0.02)
-    assert docked.biases["gyro_bias"] == pytest.approx(0.004, abs=1e-3)
-    assert docked.health.rejections() == {}
 
 
 def test_a_start_in_a_map_is_found(guide):

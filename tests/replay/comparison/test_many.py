@@ -38,12 +38,9 @@ def paired(errors: np.ndarray, block: int = 20, names: tuple[str, ...] = ("a",))
 # --- intervals over several logs ---------------------------------------------------------------------
 
 
-def test_one_log_pooled_is_that_log() -> None:
+def test_errors_and_distances_are_summed_over_the_logs() -> None:
     one = paired(np.random.default_rng(1).random(300))
     assert pooled_drift([one]).percent("a") == one.percent("a")
-
-
-def test_errors_and_distances_are_summed_over_the_logs() -> None:
     long, short = paired(np.full(300, 1.0)), paired(np.full(100, 3.0))
     assert pooled_drift([long, short]).percent("a").value == pytest.approx(150.0)
 

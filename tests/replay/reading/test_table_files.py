@@ -53,11 +53,8 @@ def test_times_below_zero_by_a_latency_are_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("step", "unit"), [(20, "s"), (0.02, "ms")])
 def test_a_wrong_unit_of_time_is_named(tmp_path: Path, step: float, unit: str) -> None:
     rows = "".join(f"{k * step:.2f},0.1,0.2\n" for k in range(50))
-    robot = Robot(
-        "test", VEHICLE, log={"columns": {"time": "t", "time_unit": unit, "tracks": SPEEDS}}
-    )
-    log = read_log(write(tmp_path / "run.csv", f"t,l,r\n{rows}"), robot)
-    assert log.notes[0].endswith("s: is time_unit right?")
+    path = write(tmp_path / "run.csv", f"t,l,r\n{rows}")
+    assert read(path, time_unit=unit, tracks=SPEEDS).notes[0].endswith("s: is time_unit right?")
 
 
 def test_rows_that_go_back_in_time_are_noted(tmp_path: Path) -> None:
@@ -241,17 +238,6 @@ def test_a_table_needs_a_column_map(tmp_path: Path) -> None:
         read_log(path, Robot("test", VEHICLE))
 
 
-def test_spaces_and_a_byte_order_mark(tmp_path: Path) -> None:
-    log = read(write(tmp_path / "run.csv", "\ufeff# t, l, r\n1.5, 0.1, 0.2\n"), tracks=SPEEDS)
-    np.testing.assert_array_equal(log.tracks.speeds, [[0.1, 0.2]])
-
-
-@pytest.mark.parametrize("comments", ["# v1.2\n", "# a, b, c\n# radius: 0.2 m\n", "# v1.2\n# "])
-def test_comments_above_the_names(tmp_path: Path, comments: str) -> None:
-    log = read(write(tmp_path / "run.csv", comments + RUN), tracks=SPEEDS)
-    np.testing.assert_array_equal(log.tracks.speeds, [[0.1, 0.2], [0.3, 0.4]])
-
-
 @pytest.mark.parametrize(
     ("columns", "part"),
     [
@@ -267,13 +253,6 @@ def test_comments_above_the_names(tmp_path: Path, comments: str) -> None:
 def test_a_wrong_column_map(columns: dict[str, object], part: str) -> None:
     with pytest.raises(ReplayError, match=part):
         topic_map(robot_with(**columns))
-
-
-def test_names_that_are_not_utf8(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    path.write_bytes("t,links [°],r\n1,1,1\n".encode("latin-1"))
-    with pytest.raises(ReplayError, match="names of its columns are not UTF-8; `iconv"):
-        read(path, time="t", tracks={"left": ["l"], "right": ["r"]})
 
 
 ROWS = [f"{0.1 * k:.1f},0.25,0.5" for k in range(200)]
@@ -313,10 +292,30 @@ def test_many_damaged_rows_are_an_error(tmp_path: Path) -> None:
         read(path, tracks=SPEEDS)
 
 
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be"])
-def test_utf_16_is_named(tmp_path: Path, encoding: str) -> None:
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\ufeff# t, l, r\n1.5, 0.1, 0.2\n1.6, 0.3, 0.4\n",
+        f"# v1.2\n{RUN}",
+        f"# a, b, c\n# radius: 0.2 m\n{RUN}",
+        f"# v1.2\n# {RUN}",
+    ],
+)
+def test_spaces_a_byte_order_mark_and_comments_are_passed_over(tmp_path: Path, text: str) -> None:
+    log = read(write(tmp_path / "run.csv", text), tracks=SPEEDS)
+    np.testing.assert_array_equal(log.tracks.speeds, [[0.1, 0.2], [0.3, 0.4]])
+
+
+@pytest.mark.parametrize(
+    ("text", "encoding", "said"),
+    [
+        ("t,links [°],r\n1,1,1\n", "latin-1", "names of its columns are not UTF-8; `iconv"),
+        ("t,l,r\n1,2,3\n", "utf-16", "UTF-16; `iconv"),
+        ("\ufefft,l,r\n1,2,3\n", "utf-16-be", "UTF-16; `iconv"),
+    ],
+)
+def test_another_encoding_than_utf_8_is_named(tmp_path, text, encoding, said):
     path = tmp_path / "run.csv"
-    mark = "\ufeff" if encoding.endswith("be") else ""
-    path.write_text(f"{mark}t,l,r\n1,2,3\n", encoding=encoding)
-    with pytest.raises(ReplayError, match="UTF-16; `iconv"):
+    path.write_text(text, encoding=encoding)
+    with pytest.raises(ReplayError, match=said):
         read(path, tracks=SPEEDS)
