@@ -155,18 +155,6 @@ def test_a_live_run_reads_what_a_replay_reads(name: str, tmp_path: Path) -> None
     assert len(read_alike(*case(name, tmp_path))) >= len(STAMPS)
 
 
-def test_fields_of_an_imu_are_converted_to_si(tmp_path: Path) -> None:
-    log = read_log(*case("IMU by its fields", tmp_path))
-    assert log.imu.angular_velocity[3] == pytest.approx((0.0, 0.0, np.radians(15.0)))
-    assert log.imu.linear_acceleration[3] == pytest.approx((0.1 * 9.80665, 0.0, 0.0))
-
-
-def test_fields_of_a_fix_are_converted_to_si(tmp_path: Path) -> None:
-    fixes = read_log(*case("fixes by their fields", tmp_path)).fixes
-    assert fixes.poses[3] == pytest.approx((0.3, 2.0, 0.3))
-    assert fixes.variances[3] == pytest.approx((0.09, 0.01))
-
-
 def test_counters_wrap_and_pause_as_in_a_replay(tmp_path: Path) -> None:
     stream = []
     for k, stamp in enumerate(STAMPS):
@@ -325,3 +313,13 @@ def test_unusable_messages_are_counted_and_wrong_types_refused() -> None:
 def test_a_robot_without_track_speeds_is_refused() -> None:
     with pytest.raises(ReplayError, match=r"maps no track speeds: add \[log.tracks\]"):
         live_inputs(imu={"topic": "/imu"})
+
+
+def test_fields_are_converted_to_si(tmp_path: Path) -> None:
+    """Axes, units and places of fields of any type, against hand-made figures."""
+    readings = read_log(*case("IMU by its fields", tmp_path / "imu")).imu
+    assert readings.angular_velocity[3] == pytest.approx((0.0, 0.0, np.radians(15.0)))
+    assert readings.linear_acceleration[3] == pytest.approx((0.1 * 9.80665, 0.0, 0.0))
+    fixes = read_log(*case("fixes by their fields", tmp_path / "fixes")).fixes
+    assert fixes.poses[3] == pytest.approx((0.3, 2.0, 0.3))
+    assert fixes.variances[3] == pytest.approx((0.09, 0.01))
