@@ -223,6 +223,41 @@ def test_the_clock_of_messages_without_stamps_may_be_set(robot, messages):
     assert last.pose_covariance == pytest.approx(sound.pose_covariance, rel=1e-2, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    "ahead",
+    [
+        lambda at: 0 if at < 4.0 else 3600,
+        lambda at: 0 if at < 4.0 else 5,
+        lambda at: -1_600_000_000 if at < 3.0 else 0,
+        lambda at: -3600 if 3.0 <= at < 6.0 else 0,
+    ],
+    ids=["an hour", "five seconds", "from the seventies", "back and forth"],
+)
+def test_the_pose_goes_on_where_a_clock_is_set(ahead, robot, messages):
+    def driven(ahead):
+        live = LiveOdometry(robot, VARIANT, settings=SETTINGS, use_fixes=False)
+        topics = subscriptions(live)
+        for one in messages:
+            by, message = ahead((one.arrival - messages[0].arrival) * 1e-9), deepcopy(one.message)
+            message.header.stamp.sec += by
+            if one.topic in topics:
+                # The system's clock is set with the stamps; the steady one is not.
+                arrival = one.arrival + by * 10**9
+                list(live.take(topics[one.topic], one.msgtype, message, arrival, one.arrival))
+        list(live.flush(one.arrival))
+        return live.odom
+
+    usual, stepped = driven(lambda _: 0), driven(ahead)
+    assert stepped.health.clock_steps >= 1 > usual.health.clock_steps
+    assert stepped.stamp - usual.stamp == pytest.approx(ahead(SECONDS) * 10**9, abs=10**8)
+    assert np.hypot(*(stepped.pose - usual.pose)[:2]) < 0.02
+    sigmas = (np.sqrt(np.diagonal(one.pose_covariance)) for one in (stepped, usual))
+    assert next(sigmas) == pytest.approx(next(sigmas), rel=0.3)
+    for name, health in usual.parameter_health.items():
+        share = stepped.parameter_health[name].share
+        assert share == pytest.approx(health.share, abs=0.1, nan_ok=True)
+
+
 def test_a_saved_run_starts_warm(robot: Robot, messages: list[Arrived], tmp_path: Path) -> None:
     live = LiveOdometry(robot, VARIANT, settings=SETTINGS, saved=tmp_path / "state.json")
     assert not live.warm
