@@ -85,9 +85,7 @@ def test_without_a_robot(folder: Path):
 def test_a_replay_notes_it(folder: Path):
     words = ("--variants", "gyro", "--formats", "none")
     done = icreckon("replay", "drive", "--robot", "wrong.toml", *words, "--out", "w", cwd=folder)
-    assert (
-        "does not fit this log, and all figures are with it:\n- the truth moves 0.4" in done.stdout
-    )
+    assert "does not fit this log, and all figures are with it:\n- the truth moves" in done.stdout
     assert "icreckon check says what each of these costs" in done.stdout
     notes = results_in(folder / "w")["log"]["notes"]
     assert any("is the radius a diameter?" in note for note in notes)

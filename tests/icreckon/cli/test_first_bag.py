@@ -43,10 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_tables_that_are_named_together_are_one_log(folder: Path) -> None:
     names = ("imu.csv", "wheels.csv", "truth.csv")
     done = succeeds("replay", *names, *REPLAY, "--formats", "none", cwd=folder)
-    assert (
-        "read as one log, of which each file has a part: imu.csv, wheels.csv, truth.csv"
-        in done.stderr
-    )
+    assert "read as one log, of which each file has a part: imu.csv, wheels.csv" in done.stderr
     results = results_in(folder / "out")
     assert results["log"]["imu_samples"] > 4000
     assert results["truth"]["distance_m"] > 10.0
@@ -87,11 +84,8 @@ def test_an_uncalibrated_file_is_named_beside_a_truth(results: dict) -> None:
     console = Console(width=150, record=True)
     console.print(results_table(results))
     shown = console.export_text()
-    assert (
-        shown.index("drifts")
-        < shown.index("The robot file is not calibrated")
-        < shown.index("variant")
-    )
+    ordered = "drifts", "The robot file is not calibrated", "variant"
+    assert [*map(shown.index, ordered)] == sorted(map(shown.index, ordered))
     assert line in replay_page(results)
     results["robot"]["indices"]["zeta1"] = 1e-3
     assert calibration_hint(results) == []

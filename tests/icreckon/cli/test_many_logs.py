@@ -96,9 +96,8 @@ def test_two_robot_files_are_compared_on_the_same_segments(folder: Path, robots:
 def test_what_cannot_be_compared_is_refused_in_one_line(folder: Path) -> None:
     same = ("monday", *AURIGA, *AURIGA, *WORDS)
     assert "robot file auriga-alpha is given twice" in fails("replay", *same, cwd=folder)
-    assert "log monday is given twice" in fails(
-        "replay", "monday", "./monday", *AURIGA, *WORDS, cwd=folder
-    )
+    same = ("monday", "./monday", *AURIGA, *WORDS)
+    assert "log monday is given twice" in fails("replay", *same, cwd=folder)
     only = fails("replay", "broken.bag", "missing.bag", *AURIGA, *WORDS, "--out", "no", cwd=folder)
     assert "no log has a result: broken: " in only
     assert not (folder / "no").exists()

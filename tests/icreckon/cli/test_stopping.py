@@ -87,9 +87,8 @@ def test_no_room_is_one_line_and_leaves_nothing(words, bag, tmp_path):
 
 def test_warnings_are_one_line_without_source() -> None:
     with warned_in_one_line():
-        assert (
-            warnings.formatwarning("so it is", UserWarning, "file.py", 3) == "icreckon: so it is\n"
-        )
+        shown = warnings.formatwarning("so it is", UserWarning, "file.py", 3)
+    assert shown == "icreckon: so it is\n"
     assert "file.py" in warnings.formatwarning("so it is", UserWarning, "file.py", 3)
 
 

@@ -12,6 +12,7 @@ from scipy.integrate import trapezoid
 
 from command_line import icreckon, succeeds
 from icreckon import Log, Robot, Scenario, TrackSpeedSeries, load_robot, simulate, write_log
+from icreckon.estimator.robot.robot_file import changed_robot
 from icreckon.replay.checking.ros_settings import ros_settings, twist_errors
 
 ALPHA = load_robot("auriga-alpha")
@@ -39,8 +40,8 @@ def with_track_of_the_log(log: Log) -> Robot:
     """Robot with the effective track that the gyro shows."""
     text = ros_settings([log], ALPHA)
     shown = float(text.partition("by the gyro of this log ")[2].split()[0])
-    return with_values(
-        ALPHA, constant_icr=None, indices=with_values(ALPHA.indices, eta0=shown, epsilon0=0.0)
+    return changed_robot(
+        ALPHA, {"constant_icr": None, "indices.eta0": shown, "indices.epsilon0": 0.0}
     )
 
 
@@ -80,9 +81,7 @@ def test_odometry_with_them_turns_as_the_robot(log: Log):
 
 def test_numbers_are_floats_for_ros_and_yaml(log: Log):
     """ROS 2 refuses a whole number for a real one, and YAML 1.1 takes 1e3 for a text."""
-    robot = with_values(
-        ALPHA, constant_icr=None, vehicle=with_values(ALPHA.vehicle, track_gauge=1.0)
-    )
+    robot = changed_robot(ALPHA, {"vehicle.track_gauge": 1.0})
     text = ros_settings([log], robot)
     lines = [line.partition("#")[0] for line in text.splitlines()]
     values = re.findall(r"(?<![\w.])-?\d[\w.+-]*", " ".join(line for line in lines if ":" in line))

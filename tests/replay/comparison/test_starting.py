@@ -62,9 +62,8 @@ def test_fixes_in_another_frame(log, robot, place, yaw):
 def test_fixes_of_an_antenna_in_another_frame(log: Log, robot: Robot) -> None:
     """The start is that of base_link, not of the antenna."""
     antenna = np.array([1.5, 0.5])
-    yaw = np.interp(
-        log.fixes.stamps, log.truth.poses.stamps, np.unwrap(log.truth.poses.poses[:, 2])
-    )
+    truth = log.truth.poses
+    yaw = np.interp(log.fixes.stamps, truth.stamps, np.unwrap(truth.poses[:, 2]))
     poses = log.fixes.poses.copy()
     poses[:, :2] += rotate(np.tile(antenna, (len(yaw), 1)), yaw)
     elsewhere = moved(replace(log, fixes=replace(log.fixes, poses=poses)), 20.0, -8.0, 2.0)

@@ -66,9 +66,8 @@ def test_a_bag_has_the_paths_as_fixes_of_a_receiver(on_globe: Comparison, tmp_pa
         row = int(np.searchsorted(trajectory.stamps, stamp))
         assert trajectory.stamps[row] == stamp
         there = np.array([[message.latitude, message.longitude, message.altitude]])
-        np.testing.assert_allclose(
-            east_north(there, ORIGIN)[0], trajectory.poses[row, :2], atol=1e-4
-        )
+        place = trajectory.poses[row, :2]
+        np.testing.assert_allclose(east_north(there, ORIGIN)[0], place, atol=1e-4)
         covariance = np.reshape(message.position_covariance, (3, 3))
         np.testing.assert_array_equal(covariance[:2, :2], trajectory.pose_covariances[row, :2, :2])
         height, sigma = trajectory.spatial[row, 0], trajectory.spatial_sigmas[row, 0]

@@ -56,9 +56,7 @@ def test_what_was_filled_in_is_kept(tmp_path: Path):
 def test_proposed_values_follow_the_log_and_changed_ones_stay(tmp_path: Path):
     """Also where the remark beside a value was left, where a key was added, and another log differs."""
     path = tmp_path / "robot.toml"
-    first = PROPOSED.replace(
-        "[imu]", "sprocket_radius = 0.12    # m, effective, by the truth\n\n[imu]"
-    )
+    first = PROPOSED.replace("[imu]", "sprocket_radius = 0.12    # m, by the truth\n\n[imu]")
     first += (
         '[log.tracks]\ntopic = "/o"\nleft = ["l"]\n# gauge = 0.5    # not in the log: fill in\n'
     )

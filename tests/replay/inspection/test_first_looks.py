@@ -34,9 +34,8 @@ def in_rates(log: Log) -> Log:
         for part in (np.cos(yaw), np.sin(yaw))
     ]
     poses = PoseSeries(log.tracks.stamps, np.column_stack([*ways, yaw]))
-    return replace(
-        log, tracks=TrackSpeedSeries(log.tracks.stamps, speeds / RADIUS), truth=Truth(poses)
-    )
+    tracks = TrackSpeedSeries(log.tracks.stamps, speeds / RADIUS)
+    return replace(log, tracks=tracks, truth=Truth(poses))
 
 
 def looked_at(log: Log):

@@ -59,9 +59,8 @@ def test_white_noise_and_the_errors_of_odometry_are_no_wander(sigma: float) -> N
 def test_what_fixes_do_not_state_is_neither_evidence_nor_kept(tmp_path: Path) -> None:
     log = driven(FixSpec(sigma=0.01, wander_sigma=0.3, wander_time=20.0))
     vertical = SensorModels(ALPHA).yaw_rates(log.imu.angular_velocity)
-    stating = replace(
-        log, fixes=replace(log.fixes, variances=np.full_like(log.fixes.variances, 0.09))
-    )
+    coarse = np.full_like(log.fixes.variances, 0.09)
+    stating = replace(log, fixes=replace(log.fixes, variances=coarse))
     assert not estimate_wander(stating, vertical).reason
     assert estimate_wander(stating, vertical, states_sigma=False).reason
     # Poses without covariances, of which all noise is white.

@@ -227,9 +227,7 @@ def test_tables_with_times_in_different_units(tmp_path: Path) -> None:
     (settings := tmp_path / "settings.csv").write_text("gain,offset\n1.0,2.0\n", "utf-8")
     found = inspect([tracks, gps, settings])
     assert inspect(tmp_path).mapping.columns.fixes.latitude == "latitude"
-    assert any(
-        "no column looks like a time, not used: settings.csv" in note for note in found.notes
-    )
+    assert any("looks like a time, not used: settings.csv" in note for note in found.notes)
     columns = tomllib.loads(found.proposed_robot_file)["log"]["columns"]
     assert (columns["time"], columns["time_unit"]) == ("t_ms", "ms")
     assert (columns["fixes"]["time"], columns["fixes"]["time_unit"]) == ("t_s", "s")

@@ -79,6 +79,5 @@ def test_inspect_proposes_it(name: str, seconds: float | None, data_dir: Path) -
     assert "± 0.0" in said
     assert ("no latency is proposed" in said) == (seconds is None)
     proposed = re.findall(r"^latency = (\S+)", found.proposed_robot_file, re.MULTILINE)
-    assert [*map(float, proposed)] == (
-        [] if seconds is None else [pytest.approx(seconds, abs=0.015)]
-    )
+    expected = [] if seconds is None else [pytest.approx(seconds, abs=0.015)]
+    assert [*map(float, proposed)] == expected

@@ -369,9 +369,8 @@ def test_a_pose_that_is_given_starts_the_map_anew(robot: Robot, messages: list[A
 
 
 def test_a_reset_goes_back_to_the_start_pose(robot: Robot, messages: list[Arrived]) -> None:
-    live = LiveOdometry(
-        robot, VARIANT, settings=SETTINGS, use_fixes=False, start_pose=(3.0, 4.0, 0.0)
-    )
+    start = (3.0, 4.0, 0.0)
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS, use_fixes=False, start_pose=start)
     list(through(live, messages[: len(messages) // 2]))
     live.restart()
     again = [one for one in through(live, messages) if one.map_pose is not None]

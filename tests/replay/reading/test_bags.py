@@ -8,7 +8,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import bag_messages as made
 from bag_messages import JOINTS, SPEEDS, STORE, imu, joints, robot_with, write_bag
-from conftest import make_log, sample
+from conftest import make_log
 from icreckon import ReplayError, Robot, inspect, read_log, write_log
 from icreckon.replay.mapping.topics import TrackTopic, topic_map
 
@@ -198,32 +198,6 @@ def test_a_journal_that_was_not_merged_is_noted(tmp_path: Path, robot: Robot) ->
     path = write_log(make_log(), tmp_path / "bag", "sqlite3", robot)
     (path / "bag.db3-wal").write_bytes(b"frames")
     assert "never merged" in read_log(path, robot).notes[0]
-
-
-SAMPLE_LOGS = {
-    "husky_deflated_part1": ("husky-deflated", 12919, 12919, 6518),
-    "husky_test1.bag": ("husky", 3952, 11865, 0),
-    "jackal_test2.bag": ("jackal", 3060, 3061, 0),
-    "marmotte_part1": ("marmotte", 13520, 13520, 6790),
-    "warthog_asphalt_2024_9_25_12h8s57": ("warthog", 3287, 3287, 1644),
-    "warthog_grass_2024_7_29_14h46s15": ("warthog", 3900, 3900, 1565),
-    "warthog_grass_2024_8_8_15h56s39": ("warthog", 6053, 6048, 2827),
-    "warthog_grass_2024_8_8_16h11s19": ("warthog", 3354, 3354, 1549),
-    "wetexplorer_2024-07-05-13-33-58.bag": ("wetexplorer", 0, 8901, 0),
-    "wetexplorer_2024-07-05-13-36-28.bag": ("wetexplorer", 0, 6948, 0),
-}
-
-
-@pytest.mark.parametrize("name", SAMPLE_LOGS)
-def test_sample_logs(data_dir: Path, name: str) -> None:
-    robot, tracks, imu_samples, poses = SAMPLE_LOGS[name]
-    log = sample(data_dir, name, robot)
-    # (nearly) every message that the README of the logs speaks of; what is lost is counted
-    lost = sum(count for reason, count in log.dropped.items() if reason.startswith("tracks"))
-    assert len(log.tracks.stamps) + lost == tracks
-    assert len(log.imu.stamps) == imu_samples
-    assert (len(log.truth.poses.stamps) if log.truth else 0) == poses
-    assert (np.diff(log.imu.stamps) > 0).all()
 
 
 ZERO = ("/z", joints(0, (1.0, 2.0)))

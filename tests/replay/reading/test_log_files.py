@@ -161,10 +161,8 @@ def test_the_larger_part_is_read(tmp_path: Path, stamps: list[int], lost: int) -
     truth = {"x": "x", "y": "y", "yaw": "yaw"}
     log = read_table(tmp_path / "log.csv", "t,l,r,x,y,yaw", rows, truth=truth)
     assert len(log.tracks.stamps) == COUNT - lost
-    reason = "stamp is days from most others"
-    assert log.dropped == (
-        {f"{one}: {reason}": lost for one in ("tracks", "truth")} if lost else {}
-    )
+    lines = {f"{one}: stamp is days from most others": lost for one in ("tracks", "truth")}
+    assert log.dropped == (lines if lost else {})
 
 
 def test_fixes_of_another_clock_are_left_out_and_named(tmp_path: Path) -> None:

@@ -271,9 +271,8 @@ def test_a_switch_gives_filters_the_noise_that_is_swept() -> None:
     for knows in (False, True):
         study = Study(name="told", sweep=sweep, filters_know_noise=knows)
         sigmas = [cell.filters[0].robot.imu.gyro_bias_sigma for cell in expand(study).cells]
-        assert sigmas == (
-            [1.7e-2, 5e-5] if knows else [load_robot("auriga-alpha").imu.gyro_bias_sigma] * 2
-        )
+        of_file = load_robot("auriga-alpha").imu.gyro_bias_sigma
+        assert sigmas == ([1.7e-2, 5e-5] if knows else [of_file] * 2)
     own = Sweep(grid={"noise": ["consumer"], "filter.imu.gyro_bias_sigma": [0.1]})
     (cell,) = expand(Study(name="told", sweep=own, filters_know_noise=True)).cells
     assert cell.filters[0].robot.imu.gyro_bias_sigma == 0.1

@@ -61,9 +61,8 @@ def test_at_constant_track_speeds_the_motion_ends_where_the_stationary_solver_sa
         driven = drive(contact, INERTIA, *constant(left, right, 20.0), STEP)
         expected = solve_steady(left, right, contact).twist
         np.testing.assert_allclose(driven.twists[-1], expected, atol=1e-6)
-        np.testing.assert_allclose(
-            driven.transfer[-1], steady_inertia(expected, contact.body)[:2], atol=1e-3
-        )
+        transfer = steady_inertia(expected, contact.body)[:2]
+        np.testing.assert_allclose(driven.transfer[-1], transfer, atol=1e-3)
 
 
 def test_an_independent_integrator_gives_the_same_motion():
@@ -86,9 +85,8 @@ def test_an_independent_integrator_gives_the_same_motion():
         return np.concatenate([inverse @ total, (-force[:2] - state[3:5]) / LOAD_LAG, [state[2]]])
 
     start = (0.0, 0.0, 0.0, 0.0, 0.0, 0.3)
-    reference = solve_ivp(
-        rates, (0.0, 4.0), start, method="Radau", t_eval=times, rtol=1e-8, atol=1e-9
-    )
+    how = {"method": "Radau", "rtol": 1e-8, "atol": 1e-9}
+    reference = solve_ivp(rates, (0.0, 4.0), start, t_eval=times, **how)
     driven = drive(
         contact,
         INERTIA,
@@ -120,9 +118,8 @@ def test_locked_tracks_turn_the_vehicle_toward_the_side_that_grips():
     start = (0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
     for sign, side in ((-1.0, (0.0, 9.0)), (1.0, (-9.0, 0.0))):
         ice = Patch(y=side, edge=0.01, friction=0.05)
-        driven = drive(
-            CENTRED, INERTIA, *constant(0.0, 0.0, 0.1), STEP, patches=(ice,), start=start
-        )
+        still = constant(0.0, 0.0, 0.1)
+        driven = drive(CENTRED, INERTIA, *still, STEP, patches=(ice,), start=start)
         moment = 0.5 * 258.0 * GRAVITY * (0.8 - 0.05) * 0.21
         assert driven.twists[3, 2] == pytest.approx(sign * moment / INERTIA * 0.03, rel=0.2)
 
