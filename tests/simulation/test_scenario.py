@@ -213,8 +213,8 @@ def test_changes_go_over_a_scenario_key_by_key():
     assert lost_options(base, change) == []
     assert change_scenario(base, change, "test").trajectory_options == {"turn": 0.1, "highest": 0.2}
     assert lost_options(base, {"trajectory": "random"}) == ["turn"]
-    options = {"factor": 0.5}
-    drive = Scenario("recorded", trajectory_file="a.csv", trajectory_options=options)
+    recorded = {"trajectory": "recorded", "trajectory_file": "a.csv"}
+    drive = Scenario(**recorded, trajectory_options={"factor": 0.5})
     assert lost_options(drive, {"trajectory": "random"}) == ["factor", "trajectory_file"]
     assert change_scenario(drive, {"trajectory": "random"}, "test") == Scenario()
     with pytest.raises(SimulationError, match=r"test: unknown key 'bias' in \[gyro\]"):

@@ -336,20 +336,6 @@ def test_a_map_that_is_turned_about_the_start_waits_for_its_heading(robot, messa
         assert abs(off) < 3.0 * np.sqrt(one.map_covariance[2, 2]) < 0.9
 
 
-def test_a_start_pose_places_the_map_without_fixes(robot: Robot, messages: list[Arrived]) -> None:
-    start = (10.0, -5.0, 2.0)
-    estimates = live_run(robot, messages, use_fixes=False, start_pose=start, reorder=0.1)
-    alone = live_run(robot, messages, use_fixes=False, reorder=0.1)
-    placed = [one for one in estimates if one.map_pose is not None]
-    assert len(placed) > len(estimates) - 30
-    for one, other in zip(estimates, alone, strict=True):
-        assert np.array_equal(one.pose, other.pose)
-    last = placed[-1]
-    assert relative(start, last.map_pose) == pytest.approx(last.pose, abs=0.02)
-    # AMCL's, and the drift.
-    assert last.map_covariance[0, 0] > 0.25
-
-
 def test_a_pose_that_is_given_starts_the_map_anew(robot: Robot, messages: list[Arrived]) -> None:
     live = LiveOdometry(robot, VARIANT, settings=SETTINGS, reorder=0.1)
     half = len(messages) // 2
@@ -366,15 +352,6 @@ def test_a_pose_that_is_given_starts_the_map_anew(robot: Robot, messages: list[A
     moved = relative(first.pose, last.pose)
     assert relative(first.map_pose, last.map_pose) == pytest.approx(moved, abs=0.03)
     assert live.map.estimator is not None
-
-
-def test_a_reset_goes_back_to_the_start_pose(robot: Robot, messages: list[Arrived]) -> None:
-    start = (3.0, 4.0, 0.0)
-    live = LiveOdometry(robot, VARIANT, settings=SETTINGS, use_fixes=False, start_pose=start)
-    list(through(live, messages[: len(messages) // 2]))
-    live.restart()
-    again = [one for one in through(live, messages) if one.map_pose is not None]
-    assert again[0].map_pose == pytest.approx((3.0, 4.0, 0.0), abs=0.05)
 
 
 def test_statuses_name_what_is_wrong(live, messages):
@@ -437,3 +414,21 @@ def test_a_gap_in_the_track_speeds_is_reported_once(live, robot, messages):
     pose = named(statuses)["pose in odom"]
     assert pose.level == WARN
     assert "a gap in the track speeds was bridged" in pose.message
+
+
+def test_a_start_pose_places_the_map_without_fixes_and_after_a_reset(robot, messages) -> None:
+    start, how = (10.0, -5.0, 2.0), {"settings": SETTINGS, "use_fixes": False, "reorder": 0.1}
+    live = LiveOdometry(robot, VARIANT, start_pose=start, **how)
+    estimates = list(through(live, messages))
+    alone = list(through(LiveOdometry(robot, VARIANT, **how), messages))
+    placed = [one for one in estimates if one.map_pose is not None]
+    assert len(placed) > len(estimates) - 30
+    for one, other in zip(estimates, alone, strict=True):
+        assert np.array_equal(one.pose, other.pose)
+    last = placed[-1]
+    assert relative(start, last.map_pose) == pytest.approx(last.pose, abs=0.02)
+    # AMCL's, and the drift.
+    assert last.map_covariance[0, 0] > 0.25
+    live.restart()
+    again = [one for one in through(live, messages) if one.map_pose is not None]
+    assert again[0].map_pose == pytest.approx(start, abs=0.05)

@@ -319,3 +319,16 @@ def test_another_encoding_than_utf_8_is_named(tmp_path, text, encoding, said):
     path.write_text(text, encoding=encoding)
     with pytest.raises(ReplayError, match=said):
         read(path, tracks=SPEEDS)
+
+
+def test_fixes_on_the_globe(tmp_path: Path) -> None:
+    places = ("52.0,13.0,0.5", "52.001,13.0,0.5", "0.0,0.0,0.5", "52.0,13.001,0.7")
+    rows = "".join(f"0.{k},0,0,{place}\n" for k, place in enumerate(places))
+    fixes = {"latitude": "lat", "longitude": "lon", "sigma": "s", "origin": [52.0, 13.0, 0.0]}
+    path = write(tmp_path / "run.csv", f"t,l,r,lat,lon,s\n{rows}")
+    log = read(path, tracks=SPEEDS, fixes=fixes)
+    # By the lengths of a degree at this latitude on WGS 84.
+    expected = [[0, 0], [0, 111.267], [68.677, 0]]
+    np.testing.assert_allclose(log.fixes.poses[:, :2], expected, atol=0.01)
+    np.testing.assert_allclose(log.fixes.variances[:, 0], [0.25, 0.25, 0.49])
+    assert log.dropped == {"fixes: not a place on the globe": 1}
