@@ -146,14 +146,6 @@ def test_the_replay_that_simulate_proposes_works(words, proposed, tmp_path):
         assert results["variants"]["gyro"]["drift_percent_10s_mean"] > 0.0
 
 
-def test_a_standstill_is_drawn_without_a_warning(tmp_path: Path) -> None:
-    words = ("--duration", 2, "--fix-rate", 0, "--noise", "perfect", "--trajectory", "straight")
-    succeeds("simulate", "--out", "run", *words, cwd=tmp_path)
-    words = ("--robot", "auriga-alpha", "--workers", 1)
-    done = succeeds("replay", "run", *words, cwd=tmp_path, drawn=True)
-    assert "Warning" not in done.stderr
-
-
 def test_the_list_of_commands_has_the_first_lines_of_their_help() -> None:
     for name, first in COMMANDS.items():
         assert (load(name).help or "").splitlines()[0] == first
@@ -223,3 +215,13 @@ def test_an_unknown_argument_is_refused(words: list[str], tmp_path: Path) -> Non
     said = fails("ros2-node", *words, cwd=tmp_path)
     assert f"unknown argument {words[0]!r}" in said
     assert "--ros-args" in said
+
+
+def test_a_standstill_without_a_truth_is_drawn_without_a_warning(tmp_path: Path) -> None:
+    words = ("--duration", 2, "--fix-rate", 0, "--noise", "perfect", "--trajectory", "straight")
+    succeeds("simulate", "--out", "run", "--without-truth", *words, cwd=tmp_path)
+    words = ("--robot", "auriga-alpha", "--workers", 1)
+    done = succeeds("replay", "run", *words, cwd=tmp_path, drawn=True)
+    assert "Warning" not in done.stderr
+    assert "No ground truth" in done.stdout
+    assert results_in(tmp_path / "icreckon-replay-run")["truth"] is None

@@ -10,7 +10,7 @@ import pytest
 from test_inspection import driven_log
 
 from conftest import inspected, sample_log, thorough
-from icreckon import Log, compare, drift, inspect, read_log
+from icreckon import Log, compare, drift, inspect, read_log, write_log
 from icreckon.estimator.log.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
 from icreckon.replay.checking.robot_check import check_robot, is_of_another
@@ -252,3 +252,14 @@ def test_driving_shows_the_bias_of_a_gyro(data_dir: Path, name: str, bias: float
     """Husky and Marmotte never stand; the truth shows -0.0156 rad/s on the one, none on the other."""
     proposed = tomllib.loads(inspected(sample_log(data_dir, name)).proposed_robot_file)
     assert proposed["imu"].get("gyro_bias") == (bias and pytest.approx(bias, abs=0.0005))
+
+
+def test_half_the_counts_and_an_imu_that_stops_are_findings(tmp_path: Path) -> None:
+    log = driven_log((0.0, 0.0, 0.0))
+    half = replace(log.tracks, speeds=log.tracks.speeds * [1.0, 0.5])
+    for broken, said in (
+        (replace(log, tracks=half), "the right side reads 0.50 times what the other one reads"),
+        (replace(log, imu=log.part(0.0, 60.0).imu), "imu: samples from 0 to 60 s only"),
+    ):
+        write_log(broken, tmp_path / "log", "mcap", load_robot("auriga-alpha"), overwrite=True)
+        assert said in "\n".join(inspect(tmp_path / "log").findings)
