@@ -156,12 +156,14 @@ def test_an_error_is_named_alone_and_mended(log: Log, name: str):
     assert problems(*corrected(wrong, robot)) == {}
 
 
-@pytest.mark.parametrize("error", ["left and right", "backward"])
-def test_the_remedy_names_the_table_of_the_file(log: Log, error: str):
+@pytest.mark.parametrize(
+    ("error", "table"), [("left and right", "tracks"), ("backward", "tracks"), ("deg/s", "imu")]
+)
+def test_the_remedy_names_the_table_of_the_file(log: Log, error: str, table: str):
     columns = {"time": "t", "tracks": {"left": ["l"], "right": ["r"], "unit": "m/s"}}
     robot = with_values(ALPHA, log={"columns": columns})
     (found,) = (one for one in check_robot(ERRORS[error][0](log), robot) if one.problem)
-    assert "[log.columns.tracks]" in found.remedy
+    assert f"[log.columns.{table}]" in found.remedy
 
 
 def dead_from(log: Log, side: int, share: float, factor: float = 0.0) -> Log:

@@ -150,6 +150,15 @@ def test_inspect_writes_them_without_a_robot_file(log: Log, tmp_path: Path):
     assert separation == pytest.approx(by_the_log * ALPHA.vehicle.track_gauge, rel=0.03)
     assert settings["wheel_radius"] == pytest.approx(ALPHA.vehicle.sprocket_radius, rel=0.03)
 
+    # A gauge that was filled in is that of the controller.
+    succeeds("inspect", "drive", "--write", "robot.toml", cwd=tmp_path)
+    file = tmp_path / "robot.toml"
+    text = re.sub(r"track_gauge = [\d.]+", "track_gauge = 0.42", file.read_text(encoding="utf-8"))
+    file.write_text(text, encoding="utf-8")
+    words = ("--write", "robot.toml", "--ros", "ros.yaml", "--overwrite")
+    succeeds("inspect", "drive", *words, cwd=tmp_path)
+    assert parameters_of(tmp_path / "ros.yaml")["wheel_separation"] == 0.42
+
     without_truth = replace(log, truth=None)
     write_log(without_truth, tmp_path / "drive-2", "mcap", ALPHA)
     done = icreckon("inspect", "drive-2", "--ros", "ros-2.yaml", cwd=tmp_path)

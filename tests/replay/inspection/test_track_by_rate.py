@@ -74,7 +74,9 @@ def test_inspect_draws_it_and_says_so_where_nothing_shows_it(tmp_path: Path) -> 
     assert {one["rate"] > 0.0 for one in track["bins"]} == {True, False}
     again = fails("inspect", "turning", "--picture", "track.png", cwd=tmp_path)
     assert "exists already" in again
-    icreckon("simulate", "--out", "ahead", "--trajectory", "straight", "--duration", 20, cwd=tmp_path)
+    icreckon(
+        "simulate", "--out", "ahead", "--trajectory", "straight", "--duration", 20, cwd=tmp_path
+    )
     assert "does not show the effective track" in fails(
         "inspect", "ahead", "--picture", "none.png", cwd=tmp_path
     )

@@ -10,6 +10,7 @@ from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpe
 from icreckon.replay.base.diagnostic_status import OK, WARN, DiagnosticStatus
 from icreckon.replay.live.manoeuvres import missing_manoeuvres
 from icreckon.replay.live.slip import SlipWatch
+from icreckon.replay.live.statuses import parameter_statuses
 
 ROBOT = load_robot("auriga-alpha")
 GAUGE = ROBOT.vehicle.track_gauge
@@ -101,3 +102,13 @@ def test_fixes_are_asked_for_where_there_are_some() -> None:
     assert missing_manoeuvres(sigmas, sigmas.values()) == []
     (text,) = missing_manoeuvres(sigmas, sigmas.values(), fixes=True)
     assert text.startswith("drive bends to both sides with position fixes (zeta0 ± 0.06 m, ")
+
+
+def test_parameters_have_values_and_standard_deviations() -> None:
+    estimator, _ = driven((10, 0.2, 0.2, 0.0))
+    found = {one.name: one.values for one in parameter_statuses(estimator)}
+    assert {*estimator.parameters, *estimator.biases} == set(found)
+    place = STATE_NAMES.index("eta0")
+    assert float(found["eta0"]["value"]) == pytest.approx(estimator.parameters["eta0"])
+    assert float(found["eta0"]["sigma"]) ** 2 == pytest.approx(estimator.covariance[place, place])
+    assert float(found["eta0"]["share"]) == pytest.approx(1.0, abs=0.01)

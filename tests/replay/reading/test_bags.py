@@ -217,3 +217,11 @@ def test_what_the_bag_has_not_is_refused(tmp_path: Path, messages, log, said) ->
     bag = write_bag(tmp_path / "bag", [*SPEEDS, *messages])
     with pytest.raises(ReplayError, match=said):
         read_log(bag, robot_with(**log))
+
+
+def test_wheels_whose_messages_are_missing_leave_gaps(tmp_path: Path) -> None:
+    came = [(k, "l") for k in (1, 2, 3, 4, 20, 21)] + [(k, "r") for k in (1, 3, 4, 12, 21)]
+    messages = [("/js", joints(k * 10**8, (k,), (name,))) for k, name in sorted(came)]
+    log = read_log(write_bag(tmp_path / "bag", messages), robot_with(tracks=JOINTS))
+    assert log.tracks.stamps.tolist() == [k * 10**8 for k in (1, 3, 4, 21)]
+    np.testing.assert_allclose(log.tracks.speeds, [[0.5 * k, 0.5 * k] for k in (1, 3, 4, 21)])
