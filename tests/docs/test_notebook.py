@@ -1,7 +1,6 @@
 """The notebook lesson: all of its cells run, one after the other, and do what the text says."""
 
 import contextlib
-from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -27,16 +26,10 @@ def cells(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return names
 
 
-def test_the_robot_fits_its_log(cells: dict[str, Any]) -> None:
-    assert not [
-        one.problem
-        for one in cells["icreckon"].check_robot(cells["log"], cells["robot"])
-        if one.problem
-    ]
+def test_the_table_has_the_scores_of_each_variant_and_the_robot_fits_its_log(cells) -> None:
+    checks = cells["icreckon"].check_robot(cells["log"], cells["robot"])
+    assert not [one.problem for one in checks if one.problem]
     assert not cells["comparison"].failed
-
-
-def test_the_table_has_the_scores_of_each_variant(cells: dict[str, Any]) -> None:
     table = cells["table"]
     assert list(table.index) == ["gyro", "constant-online", "inertia-online"]
     assert np.isfinite(table.to_numpy()).all()
@@ -44,17 +37,13 @@ def test_the_table_has_the_scores_of_each_variant(cells: dict[str, Any]) -> None
     assert drifts["inertia-online"] < drifts["gyro"] < 5.0
 
 
-def test_runs_are_frames_over_time(cells: dict[str, Any]) -> None:
+def test_runs_are_frames_over_time_and_plot_and_page_are_written(cells: dict[str, Any]) -> None:
     run = cells["runs"]["inertia-online"]
     assert run.index[-1] == pytest.approx(90.0, abs=0.1)
     assert run.index.is_monotonic_increasing
     assert "gyro_bias_rad_s" in run.columns
     end = cells["comparison"].runs["inertia-online"].trajectory.poses[-1]
     assert (run.x_m.iloc[-1], run.y_m.iloc[-1]) == pytest.approx(tuple(end[:2]))
-
-
-def test_plot_and_page_are_written(cells: dict[str, Any]) -> None:
-    folder: Path = cells["folder"]
-    assert (folder / "drive.png").stat().st_size > 10_000
-    assert (folder / "report" / "page.html").exists()
     assert len(cells["whole"]) == len(cells["comparison"].runs["inertia-online"].stamps)
+    assert (cells["folder"] / "drive.png").stat().st_size > 10_000
+    assert (cells["folder"] / "report" / "page.html").exists()

@@ -10,9 +10,9 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from bag_messages import SECOND, imu, write_bag
 from command_line import icreckon
 from conftest import sample_log
-from icreckon import Scenario, simulate, write_log
 from readme import ROOT, blocks, code_blocks, literals, run_page
 from tum import read_tum
 
@@ -93,17 +93,8 @@ def copied(source: Path, topic: str, folder: Path) -> None:
             writer.write(target, stamp, raw)
 
 
-def test_a_log_without_track_speeds_is_told_so(tmp_path: Path, robot) -> None:
-    log = simulate(Scenario(duration=2.0, include_truth=False), robot)
-    write_log(log, tmp_path / "whole", "mcap", robot)
-    with (
-        AnyReader([tmp_path / "whole"]) as reader,
-        Writer(tmp_path / "bare", version=9, storage_plugin=StoragePlugin.MCAP) as writer,
-    ):
-        (imu,) = (one for one in reader.connections if one.topic == "/imu/data_raw")
-        target = writer.add_connection(imu.topic, imu.msgtype, typestore=reader.typestore)
-        for _, stamp, raw in reader.messages(connections=[imu]):
-            writer.write(target, stamp, raw)
+def test_a_log_without_track_speeds_is_told_so(tmp_path: Path) -> None:
+    write_bag(tmp_path / "bare", [("/imu/data_raw", imu(k * SECOND // 100)) for k in range(1, 200)])
     found = icreckon("inspect", "bare", "--write", "robot.toml", cwd=tmp_path)
     assert "Found: no track speeds: nothing here looks like them" in found.stdout
     assert "without them nothing can be replayed" in found.stderr

@@ -30,9 +30,8 @@ def page() -> str:
 
 def test_no_command_is_left_out() -> None:
     """Blocks of `sh` are run below; `bash` marks those that need ROS, docker or a robot."""
-    executed = chain.from_iterable(
-        code_blocks("sh", LIVE, section) for section in (FROM_A_BAG, WITHOUT_ROS)
-    )
+    sections = (FROM_A_BAG, WITHOUT_ROS)
+    executed = chain.from_iterable(code_blocks("sh", LIVE, section) for section in sections)
     assert code_blocks("sh", LIVE) == list(executed)
     for page in (LIVE, NODE, "docs/how-to/service.md", "docs/how-to/nav2.md"):
         assert {kind for kind, _ in blocks(page)} <= {"sh", "bash", "ini", "yaml"}

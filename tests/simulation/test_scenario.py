@@ -82,12 +82,8 @@ def test_one_sensor_s_figure_changes_no_other_stream(sensor, spec):
 def test_noise_presets_leave_the_truth_alone():
     scenario = msgspec.structs.replace(SHORT, noise="perfect")
     perfect = run_scenario(scenario, ALPHA)
-    assert changed(simulate(SHORT, ALPHA), perfect.log) == {
-        "tracks",
-        "gyro",
-        "accelerometer",
-        "fixes",
-    }
+    sensors = {"tracks", "gyro", "accelerometer", "fixes"}
+    assert changed(simulate(SHORT, ALPHA), perfect.log) == sensors
     assert not perfect.gyro_bias.any()
     at = np.arange(0, 2001, 2)
     assert np.allclose(
@@ -122,16 +118,10 @@ def test_spread_zero_is_the_robot_file():
         ({"trajectory": "slalon"}, "did you mean 'slalom'"),
         ({"seed": 10**23}, "seed must be a whole number"),
         ({"duration": -1.0}, "duration"),
-        (
-            {"trajectory_options": {"hodl": 1.0}},
-            "'random' has no option 'hodl'; did you mean 'hold'",
-        ),
+        ({"trajectory_options": {"hodl": 1.0}}, "has no option 'hodl'; did you mean 'hold'"),
         ({"trajectory_file": "drive.csv"}, "set trajectory = 'recorded'"),
         ({"track_rate": 1e4, "duration": 600.0}, "track_rate = 10000.0 Hz over 600.0 s makes 6e"),
-        (
-            {"duration": 3e4},
-            "the true motion at 200 Hz .* makes 6e[+]06 samples, more than 5e[+]06",
-        ),
+        ({"duration": 3e4}, "the true motion at 200 Hz .* makes 6e"),
         ({"outages": ((9.0, 5.0),)}, "an outage must end after it starts, found 9.0 to 5.0 s"),
         ({"outages": ((5.0, 400.0),)}, "an outage must lie within the run of 300.0 s"),
     ],
@@ -191,10 +181,7 @@ def test_a_scenario_is_read_from_a_file(tmp_path):
         ("trajectroy = 'spin'", "unknown key 'trajectroy'; did you mean 'trajectory'?"),
         ("[gyro]\nbias_walk = 'x'", "[gyro] bias_walk: expected a number, found text"),
         ("trajectory = 'spin'\n[trajectory_options]\nsped = 1", "did you mean 'speed'?"),
-        (
-            "[terrain]\nwavelength = 5",
-            "[terrain] wavelength has no effect, the ground does not roll: give rolling_deg",
-        ),
+        ("[terrain]\nwavelength = 5", "[terrain] wavelength has no effect"),
         ("[[patches]]\nuphill_deg = 90", "has uphill_deg = 90.0 but no slope_deg"),
     ],
 )
@@ -226,9 +213,8 @@ def test_changes_go_over_a_scenario_key_by_key():
     assert lost_options(base, change) == []
     assert change_scenario(base, change, "test").trajectory_options == {"turn": 0.1, "highest": 0.2}
     assert lost_options(base, {"trajectory": "random"}) == ["turn"]
-    drive = Scenario(
-        trajectory="recorded", trajectory_file="a.csv", trajectory_options={"factor": 0.5}
-    )
+    recorded = {"trajectory": "recorded", "trajectory_file": "a.csv"}
+    drive = Scenario(**recorded, trajectory_options={"factor": 0.5})
     assert lost_options(drive, {"trajectory": "random"}) == ["factor", "trajectory_file"]
     assert change_scenario(drive, {"trajectory": "random"}, "test") == Scenario()
     with pytest.raises(SimulationError, match=r"test: unknown key 'bias' in \[gyro\]"):

@@ -1,7 +1,6 @@
 """A command that is no part of the package: the distance of each track in a log."""
 
 import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +11,7 @@ from typer.testing import CliRunner
 
 from conftest import simulated
 from icreckon.cli.common.options import Json, Logs
-from icreckon.cli.main import app, main
+from icreckon.cli.main import app
 
 # --- the command --------------------------------------------------------------------------------------
 
@@ -74,13 +73,3 @@ def test_it_is_in_the_help() -> None:
     options = CliRunner().invoke(app, ["distance", "--help"]).stdout
     for option in ("LOG...", "--robot", "--json"):
         assert option in options
-
-
-def test_its_errors_are_one_line(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr(sys, "argv", ["icreckon", "distance", str(tmp_path / "none")])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("icreckon: ")
-    assert "no such file" in line

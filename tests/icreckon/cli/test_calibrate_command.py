@@ -18,6 +18,7 @@ from icreckon.cli.calibrate import command
 from icreckon.estimator.robot.robot_file import Robot, Slip, changed_robot, load_robot
 from icreckon.replay.calibration import results
 from icreckon.replay.calibration.robot_file import robot_file_text
+from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.report.calibration.tables import calibration_page, calibration_tables, parameter_table
 from readme import code_blocks, run_page
@@ -50,20 +51,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_radius_is_corrected_without_a_map_of_the_topics(tmp_path: Path) -> None:
-    """The bag has the map: its track speeds are rates."""
-    wrong = changed_robot(ROBOT, {"vehicle.sprocket_radius": 1.1 * RADIUS})
-    for name, robot in (("true.toml", ROBOT), ("wrong.toml", wrong)):
-        (tmp_path / name).write_text(robot_toml(msgspec.structs.replace(robot, log={})))
-    words = ("--robot", "true.toml", "--duration", 60, "--trajectory", "aggressive")
-    succeeds("simulate", "--out", "drive", *words, cwd=tmp_path)
-    words = ("--robot", "wrong.toml", "--models", "constant", "--write", "right.toml")
-    succeeds("calibrate", "drive", *words, "--out", "right", cwd=tmp_path)
-    assert load_robot(tmp_path / "right.toml").vehicle.sprocket_radius == pytest.approx(
-        RADIUS, rel=0.03
-    )
-
-
 def test_a_narrow_terminal_gets_the_verdict_first_and_fewer_columns(folder: Path) -> None:
     results = results_in(folder / "results")
     console = Console(width=80, file=io.StringIO())
@@ -83,19 +70,27 @@ def test_a_narrow_terminal_gets_the_verdict_first_and_fewer_columns(folder: Path
 
 @pytest.fixture(scope="module")
 def left_early(folder: Path) -> Path:
-    """Folder after a calibration from another radius whose reader leaves, as `... | head -3` does."""
+    """Folder after a calibration from another radius whose reader leaves, as `... | head -3` does.
 
-    text = robot_toml(changed_robot(load_robot("auriga-alpha"), {"vehicle.sprocket_radius": 0.11}))
+    The file has no map of the topics: that of the bag says that its track speeds are rates.
+    """
+    bare = msgspec.structs.replace(ROBOT, log={})
+    write_log(read_log(folder / "drive", ROBOT), folder / "bare", "mcap", bare)
+    text = robot_toml(changed_robot(bare, {"vehicle.sprocket_radius": 1.1 * RADIUS}))
     (folder / "wide.toml").write_text(text, encoding="utf-8")
     files = {"write": folder / "early.toml", "ros": folder / "wide.yaml", "out": folder / "wide"}
+    words = {"paths": ["bare"], "robot_name": str(folder / "wide.toml"), "models": "constant"}
     leaves = mock.patch("icreckon.cli.calibrate.show", side_effect=BrokenPipeError)
     with leaves, pytest.raises(BrokenPipeError):
-        calibrated(folder, robot_name=str(folder / "wide.toml"), models="constant", **files)
+        calibrated(folder, **words, **files)
     return folder
 
 
-def test_a_reader_that_leaves_early_does_not_cost_the_robot_file(left_early: Path) -> None:
-    assert load_robot(left_early / "early.toml").name == "auriga-alpha"
+def test_a_radius_is_corrected_and_a_reader_that_leaves_early_costs_no_file(
+    left_early: Path,
+) -> None:
+    found = load_robot(left_early / "early.toml").vehicle.sprocket_radius
+    assert found == pytest.approx(RADIUS, rel=0.03)
 
 
 def test_settings_for_ros_are_of_the_calibrated_radius_and_track(left_early: Path) -> None:
@@ -155,14 +150,11 @@ def test_the_robot_file_loads_and_replays(folder: Path) -> None:
     assert text.startswith("# Calibrated by icreckon from drive, starting from auriga-alpha.\n")
     assert "\nH = 0.67134" in text
     assert "± " in text
-    topic_map(robot)
-    log = read_log(folder / "drive", robot)
-    variants = ["gyro", "inertia-fixed"]
-    comparison = compare(log, robot, variants)
+    comparison = compare(read_log(folder / "drive", robot), robot, ["gyro", "inertia-fixed"])
     truth = comparison.log.truth.poses
     gyro, inertia = (
-        drift(comparison.runs[name].trajectory.pose_series, truth, 10.0).percent_mean
-        for name in variants
+        drift(one.trajectory.pose_series, truth, 10.0).percent_mean
+        for one in comparison.runs.values()
     )
     assert inertia < gyro
 
@@ -190,18 +182,17 @@ def test_what_is_there_is_not_overwritten_unasked(folder: Path) -> None:
 
 def test_the_robot_file_keeps_all_of_its_tables(folder: Path) -> None:
     """Mapping, slip, notes: what calibration does not touch is written as it was."""
-    shipped = load_robot("auriga-alpha")
-    mapped = shipped.log | {
-        "tracks": shipped.log["tracks"] | {"latency": 0.0},
+    mapped = ROBOT.log | {
+        "tracks": ROBOT.log["tracks"] | {"latency": 0.0},
         "columns": {"time": "t", "tracks": {"left": ["l"], "right": ["r"]}},
     }
     full = msgspec.structs.replace(
-        shipped,
+        ROBOT,
         note='with "quotes" and a\nline',
         log=mapped,
         slip={"inertia-online": Slip(turning_x=0.07)},
     )
-    log = read_log(folder / "drive", shipped).part(0.0, 60.0)
+    log = read_log(folder / "drive", ROBOT).part(0.0, 60.0)
     found = calibrate([log], full, models=("constant",))
     path = folder / "full.toml"
     path.write_text(robot_file_text(found, ["drive"], "full"), encoding="utf-8")
@@ -231,25 +222,6 @@ def test_bad_input_is_refused(folder: Path, options: dict[str, object], said: st
     with pytest.raises(IcreckonError, match=re.escape(said)):
         calibrated(folder, **options)
     assert sorted(folder.iterdir()) == before
-
-
-def test_all_log_files_of_a_folder_are_one_log(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    read: list[list[Path]] = []
-
-    def stop(files: list[Path], *_: object) -> None:
-        read.append(files)
-        raise ReplayError("enough")
-
-    monkeypatch.setattr("icreckon.cli.calibrate._read", stop)
-    (tmp_path / "bags").mkdir()
-    files = [tmp_path / "bags" / name for name in ("1.bag", "2.bag", "truth.tum", "notes.md")]
-    for file in files:
-        file.touch()
-    with pytest.raises(ReplayError, match="enough"):
-        calibrated(tmp_path, paths=["bags"])
-    assert [[file.name for file in log] for log in read] == [["1.bag", "2.bag", "truth.tum"]]
 
 
 @pytest.mark.slow

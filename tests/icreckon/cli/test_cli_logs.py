@@ -18,39 +18,6 @@ def log() -> Log:
     return simulate(Scenario(duration=20.0, trajectory="slalom"), load_robot("auriga-alpha"))
 
 
-def as_csv(log: Log, path: Path) -> Path:
-    """A log of tracks and IMU as a table with empty cells."""
-    tracks = np.column_stack([log.tracks.stamps, log.tracks.speeds]).tolist()
-    imu = [
-        (stamp, *rate, *force)
-        for stamp, rate, force in zip(
-            log.imu.stamps, log.imu.angular_velocity, log.imu.linear_acceleration, strict=True
-        )
-    ]
-    lines = ["time_ns,left_speed,right_speed,gyro_x,gyro_y,gyro_z,acc_x,acc_y,acc_z"]
-    lines += [f"{int(stamp)},{left!r},{right!r},,,,,," for stamp, left, right in tracks]
-    lines += [f"{int(row[0])},,,{','.join(repr(float(value)) for value in row[1:])}" for row in imu]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return path
-
-
-def test_a_table_from_end_to_end(log: Log, tmp_path: Path) -> None:
-    path = as_csv(log, tmp_path / "run.csv")
-    done = succeeds("inspect", path, "--write", "robot.toml", cwd=tmp_path)
-    assert "gyro_z" in done.stdout
-    text = (tmp_path / "robot.toml").read_text(encoding="utf-8")
-    shipped = load_robot("auriga-alpha").vehicle
-    for key, value in (("mass", shipped.mass), ("track_gauge", shipped.track_gauge)):
-        text = text.replace(f"{key} = nan", f"{key} = {value}")
-    (tmp_path / "robot.toml").write_text(text, encoding="utf-8")
-    words = ("--robot", "robot.toml", "--variants", "constant-online", "--json")
-    done = succeeds("replay", path, *words, cwd=tmp_path)
-    results = json.loads(done.stdout)
-    assert results["log"]["dropped"] == {}
-    assert results["variants"]["constant-online"]["distance_m"] > 1.0
-    assert list(results["inputs"]) == [str(path)]
-
-
 def test_several_files_are_one_log(log: Log, tmp_path: Path) -> None:
     robot = load_robot("auriga-alpha")
     parts = [
@@ -99,9 +66,4 @@ def test_replay_writes_the_smoothed_paths_beside_the_others(tmp_path: Path) -> N
     )
     assert (filtered.stamps == smoothed.stamps).all()
     assert filtered.poses[-1] == pytest.approx(smoothed.poses[-1], abs=0.05)
-    before, after = (
-        max(error for error in one["position_error_m"])
-        for one in (results["series"]["variants"][name] for name in results["variants"])
-    )
-    # By how much is the business of tests/estimator/streaming/test_smoother.py.
-    assert after < before
+    assert np.abs(filtered.poses[:, :2] - smoothed.poses[:, :2]).max() > 0.05

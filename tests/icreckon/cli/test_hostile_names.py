@@ -13,7 +13,7 @@ from icreckon import ReplayError, inspect
 from small_robot import drive, write_robot
 
 SECOND = 10**9
-NAMES = ("/[/]x", "/a[red]b", "/esc\x1b[2Jx", "/csi\x9b2J", "/:smiley:", "/$x_{$", "/line\nbreak")
+NAMES = ("/[/]a[red]b", "/esc\x1b[2Jx\x9b2J", "/:smiley:$x_{$", "/line\nbreak")
 STAMPS = [k * SECOND // 10 for k in range(1, 40)]
 
 
@@ -34,7 +34,7 @@ def test_names_are_shown_as_they_are(tmp_path: Path, name: str) -> None:
     assert "\x1b" not in missing
 
 
-@pytest.mark.parametrize("name", ["a\nb", "a\x1b[31mb", '"a"', "a\\b"])
+@pytest.mark.parametrize("name", ["a\nb", '"a\x1b[31mb"\\b'])
 def test_file_names_make_valid_robot_files(tmp_path: Path, name: str) -> None:
     bag = drive(tmp_path / name, STAMPS)
     done = succeeds("inspect", bag, "--write", "robot.toml", cwd=tmp_path)

@@ -93,27 +93,11 @@ def test_two_robot_files_are_compared_on_the_same_segments(folder: Path, robots:
     assert "Robot files compared" in page
 
 
-@pytest.mark.thorough
-def test_results_of_many_logs_are_overwritten_on_demand(folder: Path, robots: Done) -> None:
-    assert robots.returncode == 0, robots.stderr
-    words = ("monday", "tuesday <&>", *AURIGA, "--robot", "wide.toml", *WORDS, "--out", "robots")
-    succeeds("replay", *words, "--overwrite", cwd=folder)
-
-
-def test_a_log_that_fails_with_both_robots_leaves_no_folder(folder: Path) -> None:
-    both = (*AURIGA, "--robot", "wide.toml", *WORDS, "--out", "some")
-    done = icreckon("replay", "broken.bag", "monday", *both, cwd=folder)
-    assert done.returncode == 1
-    assert (folder / "some" / "monday" / "wide" / "page.html").exists()
-    assert not (folder / "some" / "broken").exists()
-
-
 def test_what_cannot_be_compared_is_refused_in_one_line(folder: Path) -> None:
     same = ("monday", *AURIGA, *AURIGA, *WORDS)
     assert "robot file auriga-alpha is given twice" in fails("replay", *same, cwd=folder)
-    assert "log monday is given twice" in fails(
-        "replay", "monday", "./monday", *AURIGA, *WORDS, cwd=folder
-    )
+    same = ("monday", "./monday", *AURIGA, *WORDS)
+    assert "log monday is given twice" in fails("replay", *same, cwd=folder)
     only = fails("replay", "broken.bag", "missing.bag", *AURIGA, *WORDS, "--out", "no", cwd=folder)
     assert "no log has a result: broken: " in only
     assert not (folder / "no").exists()

@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from command_line import icreckon_alone
+from command_line import icreckon, icreckon_alone
 from icreckon.cli.main import app
 from small_robot import drive, write_robot
 
@@ -33,8 +33,8 @@ def test_names_are_completed(words, proposed, monkeypatch, capsys):
 def test_what_is_logged_is_printed_from_a_level_on(tmp_path):
     robot = write_robot(tmp_path / "small.toml")
     log = drive(tmp_path / "drive", [round((1000.0 + 0.02 * k) * 1e9) for k in range(100)])
-    quiet = icreckon_alone("check", log, "--robot", robot, cwd=tmp_path)
     loud = icreckon_alone("--log-level", "info", "check", log, "--robot", robot, cwd=tmp_path)
+    quiet = icreckon("check", log, "--robot", robot, cwd=tmp_path)
     record = "INFO icreckon.replay.reading.read_log: read <Log 'drive', "
     assert record in loud.stderr
     assert record not in quiet.stderr

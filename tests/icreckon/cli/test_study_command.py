@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from command_line import MAIN, icreckon, started, succeeds
 from conftest import REPOSITORY
 from icreckon import SimulationError, study_names
 from icreckon.cli.study import command
+from icreckon.simulation.running import engines
 
 TINY = """
 description = "Very small."
@@ -40,11 +42,32 @@ def contents(cwd: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _stub() -> Iterator[None]:
+    """An engine that takes no time, in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        engine = engines.Engine("streaming", "study_stub", 4, threads=True)
+        patch.setitem(engines.ENGINES, "streaming", engine)
+        yield
+
+
+def slowly(seconds: float, *, threads: bool) -> dict[str, Any]:
+    """How a command is started whose blocks take so long."""
+    engine = f"engines.Engine('streaming', 'study_stub', 4, threads={threads})"
+    script = (
+        "from icreckon.simulation.running import engines\n"
+        f"engines.ENGINES['streaming'] = {engine}\n{MAIN}"
+    )
+    found_at = os.pathsep.join([str(REPOSITORY / "tests"), os.environ.get("PYTHONPATH", "")])
+    environment = os.environ | {"PYTHONPATH": found_at, study_stub.PACE: str(seconds)}
+    return {"script": script, "env": environment}
+
+
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("undisturbed")
     (folder / "tiny.toml").write_text(TINY, encoding="utf-8")
-    done = succeeds("study", "tiny.toml", "--workers", 1, cwd=folder, drawn=True)
+    done = succeeds("study", "tiny.toml", "--workers", 1, cwd=folder)
     assert "drift after 4 s" in done.stdout
     assert "Over 2 cells of 8 runs each, the median drift of constant-online is" in " ".join(
         done.stdout.split()
@@ -60,7 +83,7 @@ def here(tmp_path: Path) -> Path:
 
 
 def test_the_results_are_printed_as_json_on_demand(undisturbed: Path) -> None:
-    done = icreckon("study", "tiny.toml", "--json", cwd=undisturbed, drawn=True)
+    done = icreckon("study", "tiny.toml", "--json", cwd=undisturbed)
     assert "going on: 4 of 4 blocks are there" in done.stderr
     assert done.stdout.encode() == contents(undisturbed)["results.json"]
     told = json.loads(done.stdout)
@@ -70,8 +93,8 @@ def test_the_results_are_printed_as_json_on_demand(undisturbed: Path) -> None:
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
 def test_killed_it_loses_no_finished_block_and_comes_to_the_same(here, undisturbed):
-    words = ("study", "tiny.toml", "--workers", 1)
-    process = started(*words, cwd=here, until=lambda: finished_blocks(here))
+    words, how = ("study", "tiny.toml", "--workers", 1), slowly(0.5, threads=False)
+    process = started(*words, cwd=here, until=lambda: finished_blocks(here), **how)
     listed = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text(encoding="utf-8")
     workers = [int(word) for word in listed.split()]
     process.kill()
@@ -83,7 +106,7 @@ def test_killed_it_loses_no_finished_block_and_comes_to_the_same(here, undisturb
     while any(Path(f"/proc/{worker}/exe").exists() for worker in workers):
         assert time.monotonic() < deadline, "a worker outlives the command"
         time.sleep(0.05)
-    done = icreckon("study", "tiny.toml", "--workers", 1, cwd=here, drawn=True)
+    done = icreckon("study", "tiny.toml", "--workers", 1, cwd=here)
     assert f"going on: {kept} of {BLOCKS} blocks are there" in done.stderr
     assert contents(here) == contents(undisturbed)
 
@@ -95,17 +118,9 @@ def test_killed_it_loses_no_finished_block_and_comes_to_the_same(here, undisturb
 )
 def test_a_signal_waits_for_nothing_and_says_how_to_go_on(here, threads, number, word):
     """Blocks take minutes here, so whoever waits for one is late."""
-    engine = f"engines.Engine('streaming', 'study_stub', 4, threads={threads})"
-    script = (
-        "from icreckon.simulation.running import engines\n"
-        f"engines.ENGINES['streaming'] = {engine}\n{MAIN}"
-    )
-    found_at = os.pathsep.join([str(REPOSITORY / "tests"), os.environ.get("PYTHONPATH", "")])
-    environment = os.environ | {"PYTHONPATH": found_at, study_stub.PACE: "300"}
     manifest = here / "icreckon-study" / "tiny" / "manifest.json"
-    words = ("study", "tiny.toml", "--workers", 1)
-    how = {"script": script, "env": environment, "until": manifest.exists}
-    with started(*words, cwd=here, **how) as process:
+    words, how = ("study", "tiny.toml", "--workers", 1), slowly(300.0, threads=threads)
+    with started(*words, cwd=here, until=manifest.exists, **how) as process:
         time.sleep(0.5)
         os.killpg(process.pid, number)
         _, told = process.communicate(timeout=120)

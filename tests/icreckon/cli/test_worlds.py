@@ -1,7 +1,4 @@
-"""Two commands at once in one place, and installations that nothing can be written to.
-
-Commands that share an empty compile cache are in `test_fresh_cache.py`.
-"""
+"""Installations that nothing can be written to."""
 
 import os
 import shutil
@@ -12,29 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from command_line import MAIN, results_in, started
+from command_line import MAIN
 from conftest import REPOSITORY
-from small_robot import drive, write_robot
+from small_robot import drive
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="permissions are those of POSIX")
 
 STAMPS = [k * 10**8 for k in range(1, 60)]
-
-
-def test_two_with_one_default_output_take_two_names(tmp_path: Path) -> None:
-    drive(tmp_path / "log", STAMPS)
-    write_robot(tmp_path / "robot.toml")
-    words = ("replay", "log", "--robot", "robot.toml", "--variants", "gyro", "--formats", "none")
-    both = [started(*words, "--workers", 1, cwd=tmp_path) for _ in range(2)]
-    assert not any("Traceback" in one.communicate(timeout=240)[1] for one in both)
-    codes = [one.returncode for one in both]
-    assert set(codes) <= {0, 1}
-    done = codes.count(0)
-    folders = [one for one in tmp_path.iterdir() if (one / "results.json").is_file()]
-    assert len(folders) == done >= 1
-    assert not [one for one in tmp_path.iterdir() if one.name.startswith(".")]
-    for folder in folders:
-        assert results_in(folder)["variants"]
 
 
 @pytest.fixture
@@ -81,17 +62,3 @@ def test_a_read_only_installation_reads_logs(tmp_path: Path, read_only: Path) ->
     (line,) = failed.stderr.strip().splitlines()
     assert line.startswith("icreckon: ")
     assert "NUMBA_CACHE_DIR" in line
-
-
-@pytest.mark.thorough
-def test_a_read_only_installation_replays_with_one_remark(tmp_path: Path, read_only: Path) -> None:
-    drive(tmp_path / "log", STAMPS)
-    write_robot(tmp_path / "robot.toml")
-    words = ("log", "--robot", "robot.toml", "--variants", "inertia-online", "--out", "out")
-    done = confined(read_only, "replay", *words, home="none", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "out" / "page.html").is_file()
-    remarks = [line for line in done.stderr.splitlines() if line.startswith("icreckon: ")]
-    (remark,) = remarks
-    assert "compiled functions cannot be kept" in remark
-    assert "Traceback" not in done.stderr

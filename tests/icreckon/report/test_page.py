@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+from base64 import b64encode
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -94,17 +95,13 @@ def test_nothing_is_fetched(page: str) -> None:
 
 
 def test_long_logs_make_no_larger_pages(results: dict[str, Any], page: str) -> None:
-    series = results["series"]
     # 1.5 MB for seven variants over half an hour; here they are three.
     assert len(page) < 1_500_000
-    assert len(series["t_s"]) == plot_series.SERIES_POINTS
-    for one in series["variants"].values():
-        assert len(one["x_m"]) == plot_series.SERIES_POINTS
+    assert len(results["series"]["t_s"]) == plot_series.SERIES_POINTS
+    for one in results["series"]["variants"].values():
         assert len(one["parameters"]["t_s"]) == plot_series.PARAMETER_POINTS
-        assert all(
-            len(each["t_s"]) <= plot_series.INNOVATION_POINTS
-            for each in one["innovations"].values()
-        )
+        for each in one["innovations"].values():
+            assert len(each["t_s"]) <= plot_series.INNOVATION_POINTS
 
 
 def test_hostile_names_stay_text(changed: dict[str, Any]) -> None:
@@ -291,10 +288,20 @@ def chromium() -> str:
     pytest.skip("no chromium to open the page in (Debian: apt-get install chromium)")
 
 
-def opened(chromium: str, folder: Path, text: str, script: str = "") -> tuple[str, list[str]]:
+TELL = """
+const tell = (told) => {
+  const pre = document.createElement("pre");
+  pre.id = "told";
+  pre.textContent = JSON.stringify(told);
+  document.body.append(pre);
+};
+"""
+
+
+def opened(chromium: str, folder: Path, text: str, script: str) -> tuple[str, list[str]]:
     """The page's document as the browser has it in the end, and what it wrote to its console."""
     path = folder / "page.html"
-    end = f"<script>{script}</script></body>" if script else "</body>"
+    end = f"<script>{TELL}{script}</script></body>"
     path.write_text(text.replace("</body>", end), encoding="utf-8")
     command = [
         *(chromium, "--headless=new", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"),
@@ -327,6 +334,7 @@ def test_a_browser_shows_it_without_complaint(acted, results):
 
 
 ACT = """
+async function act() {
 const told = {}, map = document.querySelector("svg.map"), box = map.getBoundingClientRect();
 const ends = () => [...map.querySelectorAll("text")].map((one) => one.textContent).join(" ");
 const lines = () => map.querySelectorAll("path").length;
@@ -335,7 +343,6 @@ const fire = (type, name, more) => map.dispatchEvent(new type(name, { bubbles: t
 const point = (name, id, dx, dy) => fire(PointerEvent, name, { pointerId: id,
   clientX: box.left + box.width / 2 + dx, clientY: box.top + box.height / 2 + dy });
 const frame = () => new Promise((done) => setTimeout(done, 50));
-(async () => {
   const first = ends();
   told.passing = fire(WheelEvent, "wheel", { deltaY: -500 });
   told.cancelled = !fire(WheelEvent, "wheel", { deltaY: -500, ctrlKey: true });
@@ -368,30 +375,13 @@ const frame = () => new Promise((done) => setTimeout(done, 50));
   told.shown = before - lines();
   told.requests = performance.getEntriesByType("resource").length;
   told.sideways = document.documentElement.scrollWidth > document.documentElement.clientWidth;
-  const pre = document.createElement("pre");
-  pre.id = "told";
-  pre.textContent = JSON.stringify(told);
-  document.body.append(pre);
-})();
+  return told;
+}
 """
 
 
-@pytest.fixture(scope="module")
-def acted(chromium, tmp_path_factory, page):
-    # A browser without a screen that is told to dump its document draws no more frames.
-    frames = "<script>window.requestAnimationFrame = (draw) => setTimeout(draw, 0);</script></head>"
-    return opened(chromium, tmp_path_factory.mktemp("acted"), page.replace("</head>", frames), ACT)
-
-
-def test_paths_zoom_and_pan_by_wheel_drag_and_pinch_and_variants_hide(acted):
-    document, complaints = acted
-    assert complaints == []
-    done = ("passing", "cancelled", "wheel", "reset", "drag", "button", "pinch", "scrolls")
-    counted = {"hidden": 1, "shown": 0, "requests": 0, "sideways": False}
-    assert told_by(document) == dict.fromkeys(done, True) | counted
-
-
 LINKED = """
+function linked() {
 const told = {}, chart = document.querySelector("#errors svg"), box = chart.getBoundingClientRect();
 const at = (name, share) => chart.dispatchEvent(new PointerEvent(name, { pointerId: 1, bubbles: true,
   pointerType: "mouse", clientX: box.left + share * box.width, clientY: box.top + 50 }));
@@ -426,17 +416,31 @@ go.value = last;
 go.dispatchEvent(new Event("change"));
 told.gone = window.scrollY > 1000 && go.value === "";
 told.driver = document.querySelector("#map .bar").textContent.startsWith("constant-online");
-const pre = document.createElement("pre");
-pre.id = "told";
-pre.textContent = JSON.stringify(told);
-document.body.append(pre);
+return told;
+}
+act().then((acted) => tell({ acted, linked: linked() }));
 """
 
 
-def test_charts_map_and_robot_show_one_moment(chromium: str, tmp_path: Path, page: str) -> None:
-    document, complaints = opened(chromium, tmp_path, page, LINKED)
+@pytest.fixture(scope="module")
+def acted(chromium, tmp_path_factory, page):
+    # A browser without a screen that is told to dump its document draws no more frames.
+    frames = "<script>window.requestAnimationFrame = (draw) => setTimeout(draw, 0);</script></head>"
+    return opened(
+        chromium, tmp_path_factory.mktemp("acted"), page.replace("</head>", frames), ACT + LINKED
+    )
+
+
+def test_paths_zoom_and_pan_by_wheel_drag_and_pinch_and_variants_hide(acted):
+    document, complaints = acted
     assert complaints == []
-    told = told_by(document)
+    done = ("passing", "cancelled", "wheel", "reset", "drag", "button", "pinch", "scrolls")
+    counted = {"hidden": 1, "shown": 0, "requests": 0, "sideways": False}
+    assert told_by(document)["acted"] == dict.fromkeys(done, True) | counted
+
+
+def test_charts_map_and_robot_show_one_moment(acted):
+    told = told_by(acted[0])["linked"]
     assert told.pop("coloured") == [True] * 5
     assert told == dict.fromkeys(
         ("moved", "values", "slider", "zoomed", "reset", "distance", "driver", "gone"), True
@@ -444,58 +448,59 @@ def test_charts_map_and_robot_show_one_moment(chromium: str, tmp_path: Path, pag
 
 
 FRAMED = """
-<!DOCTYPE html><html><body><iframe id="phone" style="width:WIDTHpx;height:800px"></iframe>
-<script type="text/plain" id="page">PAGE</script><script>
-const phone = document.getElementById("phone"), told = {};
-phone.addEventListener("load", () => setTimeout(() => {
-  const inside = phone.contentDocument, root = inside.documentElement;
-  told.width = root.clientWidth;
-  told.sideways = root.scrollWidth > root.clientWidth;
-  told.cut = [...inside.querySelectorAll("svg text")].filter((one) => {
-    const text = one.getBoundingClientRect(), svg = one.closest("svg").getBoundingClientRect();
-    return text.left < svg.left - 2 || text.right > svg.right + 12;
-  }).map((one) => one.textContent);
-  told.height = root.scrollHeight;
-  told.ellipses = inside.querySelectorAll("#map ellipse").length;
-  const fold = inside.querySelector("details.section h2").closest("details");
-  fold.open = true;
-  told.verdict = inside.querySelector(".headline").getBoundingClientRect().bottom;
-  setTimeout(() => {
-    told.drawn = Math.min(...[...fold.querySelectorAll("svg")].map((one) => one.clientWidth));
-    const pre = document.createElement("pre");
-    pre.id = "told";
-    pre.textContent = JSON.stringify(told);
-    document.body.append(pre);
-  }, 500);
-}, 1000));
-phone.srcdoc = new TextDecoder().decode(Uint8Array.from(atob(
+<!DOCTYPE html><html><body>
+<iframe style="width:390px;height:800px"></iframe><iframe style="width:1280px;height:800px"></iframe>
+<script type="text/plain" id="page">PAGE</script></body></html>
+"""
+LOOK = """
+const page = new TextDecoder().decode(Uint8Array.from(atob(
   document.getElementById("page").textContent), (one) => one.charCodeAt(0)));
-</script></body></html>
+const look = (frame) => new Promise((done) => {
+  frame.addEventListener("load", () => setTimeout(() => {
+    const inside = frame.contentDocument, root = inside.documentElement, told = {};
+    told.width = root.clientWidth;
+    told.sideways = root.scrollWidth > root.clientWidth;
+    told.cut = [...inside.querySelectorAll("svg text")].filter((one) => {
+      const text = one.getBoundingClientRect(), svg = one.closest("svg").getBoundingClientRect();
+      return text.left < svg.left - 2 || text.right > svg.right + 12;
+    }).map((one) => one.textContent);
+    told.height = root.scrollHeight;
+    told.ellipses = inside.querySelectorAll("#map ellipse").length;
+    const fold = inside.querySelector("details.section h2").closest("details");
+    fold.open = true;
+    told.verdict = inside.querySelector(".headline").getBoundingClientRect().bottom;
+    setTimeout(() => {
+      told.drawn = Math.min(...[...fold.querySelectorAll("svg")].map((one) => one.clientWidth));
+      done(told);
+    }, 500);
+  }, 1000));
+  frame.srcdoc = page;
+});
+Promise.all([...document.querySelectorAll("iframe")].map(look)).then(tell);
 """
 
 
-def framed(chromium: str, folder: Path, page: str, width: int) -> dict[str, Any]:
-    """What a page of a width [px] shows."""
-    from base64 import b64encode
-
-    wrapper = FRAMED.replace("WIDTH", str(width)).replace("PAGE", b64encode(page.encode()).decode())
-    document, complaints = opened(chromium, folder, wrapper)
+@pytest.fixture(scope="module")
+def framed(chromium, tmp_path_factory, page):
+    """What the page shows at the width of a phone and at that of a desktop."""
+    wrapper = FRAMED.replace("PAGE", b64encode(page.encode()).decode())
+    document, complaints = opened(chromium, tmp_path_factory.mktemp("framed"), wrapper, LOOK)
     assert complaints == []
-    told = told_by(document)
-    assert told["width"] == pytest.approx(width, abs=20)
-    return told
+    return told_by(document)
 
 
-def test_at_the_width_of_a_phone_nothing_is_cut_off(chromium, tmp_path, page):
-    told = framed(chromium, tmp_path, page, 390)
+def test_at_the_width_of_a_phone_nothing_is_cut_off(framed):
+    told = framed[0]
+    assert told["width"] == pytest.approx(390, abs=20)
     assert not told["sideways"]
     assert told["cut"] == []
     # At first glance, above the fold.
     assert told["verdict"] < 500
 
 
-def test_a_desktop_shows_it_on_few_screens_and_sections_unfold(chromium, tmp_path, page):
-    told = framed(chromium, tmp_path, page, 1280)
+def test_a_desktop_shows_it_on_few_screens_and_sections_unfold(framed):
+    told = framed[1]
+    assert told["width"] == pytest.approx(1280, abs=20)
     assert told["height"] < 5000
     assert told["ellipses"] > 5
     assert told["drawn"] > 300

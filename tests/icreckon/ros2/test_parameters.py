@@ -40,18 +40,6 @@ def test_an_invalid_qos_is_refused(policy: str, value: object, match: str) -> No
         check_qos({f"qos_overrides./tf.publisher.{policy}": value}, ["/tf.publisher"])
 
 
-@pytest.mark.parametrize("values", [[1, 2, 0], array("d", [1.0, 2.0, 0.0]), array("q", [1, 2, 0])])
-def test_a_pose_is_three_numbers_of_any_kind(values: object) -> None:
-    options = options_from({"robot": "a", "start_pose": values, "base_offset": values})
-    assert options.start == options.base == (1.0, 2.0, 0.0)
-
-
-def test_without_them_there_is_no_start_and_no_offset() -> None:
-    options = options_from({"robot": "a", "start_pose": []})
-    assert options.start is None
-    assert options.base == (0.0, 0.0, 0.0)
-
-
 @pytest.mark.parametrize("name", ["start_pose", "base_offset"])
 @pytest.mark.parametrize(
     ("values", "match"),
@@ -75,3 +63,11 @@ def test_a_pose_message_is_planar() -> None:
     for zero in ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, np.nan, 1.0)):
         with pytest.raises(EstimatorError, match="orientation is no rotation"):
             pose_of(pose_with_covariance(0, (0.1, 0.2, 0.3), q=zero))
+
+
+@pytest.mark.parametrize("values", [[1, 2, 0], array("d", [1.0, 2.0, 0.0]), array("q", [1, 2, 0])])
+def test_a_pose_is_three_numbers_of_any_kind_or_none(values: object) -> None:
+    options = options_from({"robot": "a", "start_pose": values, "base_offset": values})
+    assert options.start == options.base == (1.0, 2.0, 0.0)
+    options = options_from({"robot": "a", "start_pose": []})
+    assert (options.start, options.base) == (None, (0.0, 0.0, 0.0))

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 from rosbags import rosbag1, rosbag2
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
 from bag_messages import JOINTS, SECOND, STORE, joints, robot_with
@@ -37,24 +37,30 @@ def ros1_bag(path: Path, form: str) -> Path:
     return path
 
 
-def ros2_bag(path: Path, plugin: StoragePlugin, mode: CompressionMode) -> Path:
-    store = get_typestore(Stores.ROS2_HUMBLE)
+def ros2_bag(
+    path: Path, plugin: StoragePlugin, mode: CompressionMode, topic: str, *messages
+) -> Path:
+    """A bag of messages of one type, recorded at 50 Hz."""
     writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
-    writer.set_compression(mode, CompressionFormat.ZSTD)
+    if mode is not CompressionMode.NONE:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
-        at = writer.add_connection("/text", KIND, typestore=store)
-        writer.write(at, SECOND, store.serialize_cdr(store.types[KIND]("a" * SIZE), KIND))
+        kind = messages[0].__msgtype__
+        at = writer.add_connection(topic, kind, typestore=STORE)
+        for k, message in enumerate(messages, start=1):
+            writer.write(at, k * SECOND // 50, STORE.serialize_cdr(message, kind))
     return path
 
 
 def bomb(folder: Path, kind: str) -> Path:
+    text = "/text", STORE.types[KIND]("a" * SIZE)
     match kind.split():
         case ["ros1", form]:
             return ros1_bag(folder / "bomb.bag", form)
         case ["mcap"]:
-            return ros2_bag(folder / "bomb", StoragePlugin.MCAP, CompressionMode.STORAGE)
+            return ros2_bag(folder / "bomb", StoragePlugin.MCAP, CompressionMode.STORAGE, *text)
         case _:
-            return ros2_bag(folder / "bomb", StoragePlugin.SQLITE3, CompressionMode.MESSAGE)
+            return ros2_bag(folder / "bomb", StoragePlugin.SQLITE3, CompressionMode.MESSAGE, *text)
 
 
 KINDS = ("ros1 bz2", "ros1 lz4", "mcap", "sqlite3 messages")
@@ -109,20 +115,12 @@ def test_a_table_of_very_many_columns_is_refused(tmp_path: Path) -> None:
 
 
 ROBOT = robot_with(tracks=JOINTS)
-COUNT = 2000
+COUNT = 400
 
 
 def bag(folder: Path, plugin: StoragePlugin, mode: CompressionMode) -> Path:
-    writer = Writer(folder, version=9, storage_plugin=plugin)
-    if mode is not CompressionMode.NONE:
-        writer.set_compression(mode, CompressionFormat.ZSTD)
-    with writer:
-        kind = "sensor_msgs/msg/JointState"
-        at = writer.add_connection("/js", kind, typestore=STORE)
-        for k in range(1, COUNT + 1):
-            stamp = k * SECOND // 50
-            writer.write(at, stamp, STORE.serialize_cdr(joints(stamp, (1.0, 1.0 + k)), kind))
-    return folder
+    drive = [joints(k * SECOND // 50, (1.0, 1.0 + k)) for k in range(1, COUNT + 1)]
+    return ros2_bag(folder, plugin, mode, "/js", *drive)
 
 
 PLUGINS = (StoragePlugin.MCAP, StoragePlugin.SQLITE3)

@@ -75,10 +75,7 @@ def test_errors_name_the_target_and_leave_nothing(tmp_path: Path) -> None:
             written_beside(path),
         ):
             raise OSError(number, os.strerror(number))
-    with (
-        pytest.raises(ReplayError, match=f"^{path}/x: cannot be written"),
-        written_beside(path) as new,
-    ):
+    with pytest.raises(ReplayError, match=f"^{path}/x: cannot be"), written_beside(path) as new:
         raise ReplayError(f"{new}/x: cannot be written")
     # Errors of reading are none of the output.
     with pytest.raises(FileNotFoundError), written_beside(path):

@@ -15,7 +15,7 @@ from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.failed_sensors import stuck_sides, turning_at
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.robot_file import Robot, changed_robot, load_robot
 from icreckon.replay.checking import robot_check
 from icreckon.replay.checking.check import FORWARD, LATENCY, MOUNTING, SCALE, TRACK, Check
 from icreckon.replay.checking.track_checks import check_scale
@@ -47,14 +47,6 @@ def corrected(log: Log, robot: Robot) -> tuple[Log, Robot]:
     return log, robot
 
 
-def with_imu(robot: Robot, **values: object) -> Robot:
-    return with_values(robot, imu=with_values(robot.imu, **values))
-
-
-def with_vehicle(robot: Robot, **values: object) -> Robot:
-    return with_values(robot, vehicle=with_values(robot.vehicle, **values))
-
-
 def speeds(log: Log, change) -> Log:
     return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, change(log.tracks.speeds)))
 
@@ -73,73 +65,66 @@ def turned_imu(log: Log, roll: float, pitch: float, yaw: float) -> Log:
 
 def scaled_imu(log: Log, rates: float = 1.0, forces: float = 1.0, bias: float = 0.0) -> Log:
     angular = rates * (log.imu.angular_velocity + np.array([0.0, 0.0, bias]))
-    return replace(
-        log, imu=ImuSeries(log.imu.stamps, angular, forces * log.imu.linear_acceleration)
-    )
+    forces = forces * log.imu.linear_acceleration
+    return replace(log, imu=ImuSeries(log.imu.stamps, angular, forces))
+
+
+def scaled(factor: float):
+    return lambda log: speeds(log, lambda v: factor * v)
+
+
+def swapped(log: Log) -> Log:
+    return speeds(log, lambda v: v[:, ::-1].copy())
+
+
+def mounted(*rpy: float):
+    return lambda log: turned_imu(log, *rpy)
+
+
+def with_eta0(robot: Robot, eta0: float) -> Robot:
+    indices = with_values(robot.indices, eta0=eta0)
+    return with_values(robot, constant_icr=None, indices=indices)
 
 
 COUNTERS = {"topic": "/t", "left": ["l"], "right": ["r"], "unit": "counts", "counts_per_turn": 512}
+FORCE = "mean specific force"
 ERRORS = {
     "diameter": (
-        lambda log: speeds(log, lambda v: 2.0 * v),
-        lambda robot: with_vehicle(robot, sprocket_radius=2.0 * RADIUS),
+        scaled(2.0),
+        lambda robot: changed_robot(robot, {"vehicle.sprocket_radius": 2.0 * RADIUS}),
         {SCALE: "is the radius a diameter?"},
     ),
     "lines of an encoder": (
-        lambda log: speeds(log, lambda v: 0.25 * v),
+        scaled(0.25),
         lambda robot: with_values(robot, log={"tracks": COUNTERS}),
         {SCALE: "is counts_per_turn off"},
     ),
-    "rates in rpm": (
-        lambda log: speeds(log, lambda v: v * 30.0 / np.pi),
-        None,
-        {SCALE: "are the rates in rpm?"},
-    ),
-    "left and right": (
-        lambda log: speeds(log, lambda v: v[:, ::-1].copy()),
-        None,
-        {TURNING: "right are swapped"},
-    ),
-    "backward": (
-        lambda log: speeds(log, np.negative),
-        None,
-        {TURNING: "both tracks count backward"},
-    ),
+    "rates in rpm": (scaled(30.0 / np.pi), None, {SCALE: "are the rates in rpm?"}),
+    "left and right": (swapped, None, {TURNING: "right are swapped"}),
+    "backward": (scaled(-1.0), None, {TURNING: "both tracks count backward"}),
     "left and right, backward": (
-        lambda log: speeds(log, lambda v: -v[:, ::-1]),
+        lambda log: scaled(-1.0)(swapped(log)),
         None,
         {TURNING: "backward where the truth drives forward"},
     ),
     "late": (lambda log: late(log, 0.25), None, {LATENCY: "s late"}),
     "early": (lambda log: late(log, -0.15), None, {LATENCY: "s early"}),
-    "tilted": (lambda log: turned_imu(log, 0.0, 10.0, 0.0), None, {MOUNTING: "deg off"}),
-    "upside down": (lambda log: turned_imu(log, 180.0, 0.0, 0.0), None, {MOUNTING: "upside down"}),
-    "on its side": (lambda log: turned_imu(log, 90.0, 0.0, 90.0), None, {MOUNTING: "deg off"}),
-    "backward IMU": (lambda log: turned_imu(log, 0.0, 0.0, 180.0), None, {FORWARD: "180 deg"}),
-    "IMU to the left": (lambda log: turned_imu(log, 0.0, 0.0, 90.0), None, {FORWARD: "+90 deg"}),
-    "gyro in deg/s": (
-        lambda log: scaled_imu(log, rates=180.0 / np.pi),
-        None,
-        {"unit of the gyro": "deg/s"},
-    ),
-    "accelerometer in g": (
-        lambda log: scaled_imu(log, forces=1.0 / 9.81),
-        None,
-        {"mean specific force": "in g?"},
-    ),
-    "turns 1.5 times as far": (
-        None,
-        lambda robot: with_values(
-            robot,
-            constant_icr=None,
-            indices=with_values(robot.indices, eta0=robot.constant_indices.eta0 / 1.5),
-        ),
-        {TRACK: "times that of the file"},
-    ),
+    "tilted": (mounted(0.0, 10.0, 0.0), None, {MOUNTING: "deg off"}),
+    "upside down": (mounted(180.0, 0.0, 0.0), None, {MOUNTING: "upside down"}),
+    "on its side": (mounted(90.0, 0.0, 90.0), None, {MOUNTING: "deg off"}),
+    "backward IMU": (mounted(0.0, 0.0, 180.0), None, {FORWARD: "180 deg"}),
+    "IMU to the left": (mounted(0.0, 0.0, 90.0), None, {FORWARD: "+90 deg"}),
+    "deg/s": (lambda log: scaled_imu(log, rates=180 / np.pi), None, {"unit of the gyro": "deg/s"}),
+    "in g": (lambda log: scaled_imu(log, forces=1.0 / 9.81), None, {FORCE: "in g?"}),
     "gravity of 9.29": (
         lambda log: scaled_imu(log, forces=9.29 / 9.81),
         None,
-        {"mean specific force": "m/s² on average, not 9.81"},
+        {FORCE: "m/s² on average, not 9.81"},
+    ),
+    "turns 1.5 times as far": (
+        None,
+        lambda robot: with_eta0(robot, robot.constant_indices.eta0 / 1.5),
+        {TRACK: "times that of the file"},
     ),
     "bias": (lambda log: scaled_imu(log, bias=0.05), None, {BIAS: "+0.05"}),
 }
@@ -171,12 +156,14 @@ def test_an_error_is_named_alone_and_mended(log: Log, name: str):
     assert problems(*corrected(wrong, robot)) == {}
 
 
-@pytest.mark.parametrize("error", ["left and right", "backward"])
-def test_the_remedy_names_the_table_of_the_file(log: Log, error: str):
+@pytest.mark.parametrize(
+    ("error", "table"), [("left and right", "tracks"), ("backward", "tracks"), ("deg/s", "imu")]
+)
+def test_the_remedy_names_the_table_of_the_file(log: Log, error: str, table: str):
     columns = {"time": "t", "tracks": {"left": ["l"], "right": ["r"], "unit": "m/s"}}
     robot = with_values(ALPHA, log={"columns": columns})
     (found,) = (one for one in check_robot(ERRORS[error][0](log), robot) if one.problem)
-    assert "[log.columns.tracks]" in found.remedy
+    assert f"[log.columns.{table}]" in found.remedy
 
 
 def dead_from(log: Log, side: int, share: float, factor: float = 0.0) -> Log:
@@ -202,10 +189,8 @@ def test_signs_of_a_twist_are_those_of_its_driver(log: Log, backward, turns_alik
     if turns_alike and not backward:
         assert found == {}
         return
-    assert ("forward speed" in found[TURNING], "yaw rate" in found[TURNING]) == (
-        backward,
-        not turns_alike,
-    )
+    said = "forward speed" in found[TURNING], "yaw rate" in found[TURNING]
+    assert said == (backward, not turns_alike)
     assert problems(*corrected(wrong, robot)) == {}
 
 
@@ -222,30 +207,31 @@ def test_an_antenna_that_is_elsewhere_is_named() -> None:
 @pytest.mark.parametrize("backward", [False, True])
 def test_a_heading_off_the_direction_of_driving_is_named(backward: bool) -> None:
     scenario = Scenario(duration=110.0, seed=3, fix_rate=5.0, trajectory="slalom")
-    log = simulate(scenario, ALPHA)
-    sign = -1.0 if backward else 1.0
+    log = replace(simulate(scenario, ALPHA), others=())
     poses = log.truth.poses
-    headings = tuple(
-        HeadingFix(int(stamp), float(pose[2]) + (0.0 if not backward else np.pi), 1e-4)
-        for stamp, pose in zip(poses.stamps[::20], poses.poses[::20], strict=True)
-    )
-    log = replace(speeds(log, lambda v: sign * v[:, :: int(sign)]), others=headings)
-    mapped = {"heading": {"topic": "/heading", "sigma": 0.01}, **MAPPED.log}
-    robot = with_values(ALPHA, log=mapped)
-    assert HEADING not in problems(replace(log, truth=None), robot)
-    turned = tuple(replace(fix, yaw=fix.yaw - 0.5 * np.pi) for fix in headings)
-    wrong = replace(log, truth=None, others=turned)
+    drives = replace(scaled(-1.0)(swapped(log)) if backward else log, truth=None)
+    robot = with_values(ALPHA, log={"heading": {"topic": "/heading", "sigma": 0.01}, **MAPPED.log})
+
+    def headed(off) -> Log:
+        """The log with a compass that is off by an angle, which may depend on the stamp."""
+        turned = np.pi if backward else 0.0
+        return replace(
+            drives,
+            others=tuple(
+                HeadingFix(int(stamp), float(pose[2]) + turned + off(stamp), 1e-4)
+                for stamp, pose in zip(poses.stamps[::20], poses.poses[::20], strict=True)
+            ),
+        )
+
+    assert HEADING not in problems(headed(lambda _: 0.0), robot)
+    wrong = headed(lambda _: -0.5 * np.pi)
     (found,) = [one for one in check_robot(wrong, robot) if one.name == HEADING]
     assert "deg right of the direction of driving" in found.problem
     assert found.settings["log.heading.offset_deg"] == pytest.approx(90.0, abs=5.0)
     assert HEADING not in problems(*found.correction(wrong, robot))
     # A compass that drifts has no right offset.
-    span = log.duration * 1e9
-    drifting = tuple(
-        replace(fix, yaw=fix.yaw + 0.5 * (fix.stamp - log.start) / span) for fix in headings
-    )
-    said = problems(replace(log, truth=None, others=drifting), robot)[HEADING]
-    assert re.search(r"turn by (2[5-9]|3[0-2]) ± ", said)
+    drifting = headed(lambda stamp: 0.5 * (stamp - log.start) / (log.duration * 1e9))
+    assert re.search(r"turn by (2[5-9]|3[0-2]) ± ", problems(drifting, robot)[HEADING])
 
 
 @pytest.mark.parametrize(("side", "name"), [(0, "left"), (1, "right")])
@@ -309,22 +295,16 @@ def test_an_imu_that_stops_is_named_alone(log: Log):
         ("random", {}, {}),
         ("straight", {}, {}),
         ("spin", {}, {}),
-        ("random", {"gyro_noise_density": 2e-3, "gyro_bias_sigma": 0.02}, {}),
+        ("random", {"imu.gyro_noise_density": 2e-3, "imu.gyro_bias_sigma": 0.02}, {}),
         ("random", {}, {"imu_rate": 20.0, "track_rate": 40.0}),
     ],
 )
 def test_a_right_file_is_left_in_peace(trajectory: str, imu: dict, rates: dict):
-    robot = with_imu(ALPHA, **imu)
+    robot = changed_robot(ALPHA, imu)
     scenario = Scenario(duration=60.0, seed=1, fix_rate=1.0, trajectory=trajectory, **rates)
     log = simulate(scenario, robot)
     assert problems(log, robot) == {}
     assert problems(replace(log, truth=None, fixes=None), robot) == {}
-
-
-def test_without_truth_or_fixes_the_accelerometer_shows_a_gross_scale(log: Log):
-    bare = replace(speeds(log, lambda v: 3.0 * v), truth=None)
-    found = problems(bare, with_values(ALPHA, tracks=with_values(ALPHA.tracks, scale_sigma=0.02)))
-    assert SCALE in found or TRACK in found
 
 
 @pytest.mark.parametrize(
@@ -344,7 +324,7 @@ def test_noise_of_encoders_is_no_scale(scale: float, noise: float, is_found: boo
 
 
 def test_swapped_tracks_and_a_turned_imu_are_told_from_tracks_that_count_backward(log: Log):
-    wrong = turned_imu(speeds(log, lambda v: v[:, ::-1].copy()), 0.0, 0.0, 180.0)
+    wrong = turned_imu(swapped(log), 0.0, 0.0, 180.0)
     found = problems(wrong, ALPHA)
     assert found.keys() == {TURNING, FORWARD}
     assert "left and right are swapped" in found[TURNING]
@@ -353,14 +333,6 @@ def test_swapped_tracks_and_a_turned_imu_are_told_from_tracks_that_count_backwar
     bare = [one for one in check_robot(replace(wrong, truth=None), ALPHA) if one.problem]
     assert [one.name for one in bare] == [TURNING]
     assert "the IMU is turned by 180 deg" in bare[0].remedy
-
-
-def test_files_of_other_robots_are_recognised(log: Log):
-    robot = with_values(load_robot("marmotte"), log={})
-    wrong = speeds(log, lambda v: v * robot.vehicle.sprocket_radius / RADIUS)
-    checks = check_robot(wrong, robot)
-    assert robot_check.is_of_another(checks)
-    assert not robot_check.is_of_another(check_robot(log, ALPHA))
 
 
 def test_what_is_missing_is_no_error(log: Log):
@@ -390,7 +362,7 @@ def test_streams_that_the_file_leaves_out():
 
 
 def test_costs_are_those_of_each_error_alone(log: Log):
-    robot = with_imu(ALPHA, gyro_bias=-0.03, gyro_bias_sigma=0.001)
+    robot = changed_robot(ALPHA, {"imu.gyro_bias": -0.03, "imu.gyro_bias_sigma": 0.001})
     wrong = late(speeds(log, lambda v: 1.5 * v), 0.2)
     checks = check_robot(wrong, robot)
     assert [one.name for one in checks if one.problem] == [LATENCY, SCALE, BIAS]
@@ -428,7 +400,7 @@ def test_real_logs(data_dir: Path, name: str, own: str, other: str):
     wrong = read_log(path, swapped)
     assert robot_check.is_of_another(check_robot(wrong, swapped))
     assert problems(*corrected(wrong, swapped)) == {}
-    doubled = with_vehicle(robot, sprocket_radius=2.0 * robot.vehicle.sprocket_radius)
+    doubled = changed_robot(robot, {"vehicle.sprocket_radius": 2.0 * robot.vehicle.sprocket_radius})
     assert "diameter" in problems(read_log(path, doubled), doubled)[SCALE]
 
 
@@ -445,9 +417,7 @@ def test_a_truth_that_stays_is_named_and_not_mended(log: Log):
 
 def test_sensors_that_show_nothing_are_named(log: Log):
     still = scaled_imu(log, rates=0.0)
-    assert problems(still, ALPHA) == {
-        "gyro": "the gyro reads one value all the time, and the tracks turn"
-    }
+    assert "reads one value all the time, and the tracks turn" in problems(still, ALPHA)["gyro"]
     absurd = scaled_imu(log, rates=1e300)
     assert problems(absurd, ALPHA).keys() == {"gyro"}
     first = TrackSpeedSeries(log.tracks.stamps[:1], log.tracks.speeds[:1])
@@ -465,9 +435,7 @@ def test_speeds_that_the_filter_refuses_have_no_result_and_no_traceback(log: Log
 def test_both_report_the_jackal(data_dir: Path) -> None:
     path, robot = sample_log(data_dir, "jackal_test2.bag"), load_robot("jackal")
     (found,) = (one for one in inspected(path).findings if "odometry's yaw rate" in one)
-    (one,) = (
-        one for one in check_robot(read_log(path, robot), robot) if one.name == "sense of turning"
-    )
+    (one,) = (one for one in check_robot(read_log(path, robot), robot) if one.name == TURNING)
     times = found.partition(" times")[0].rpartition(" ")[2]
     assert f"the odometry's yaw rate is {times} times the gyro's" in one.problem
     assert "gauge in [log.tracks]" in one.remedy
@@ -495,13 +463,3 @@ def test_a_turning_centre_beyond_the_contact_is_noted(robot: Robot) -> None:
     assert robot_check.far_centre(robot) == []
     far = with_values(robot, indices=with_values(robot.indices, zeta0=-0.9))
     assert "is [imu] position right?" in robot_check.far_centre(far)[0]
-
-
-def test_remedies_of_tables_name_keys_of_tables(robot: Robot) -> None:
-    table = with_values(robot, log={"columns": {"time": "t"}})
-    text = "rate_unit in [log.imu]; name its topic in [log.truth]"
-    assert mapping.with_column_keys(text, robot) == text
-    assert (
-        mapping.with_column_keys(text, table)
-        == "rate_unit in [log.columns.imu]; name its columns in [log.columns.truth]"
-    )

@@ -12,6 +12,7 @@ from scipy.integrate import trapezoid
 
 from command_line import icreckon, succeeds
 from icreckon import Log, Robot, Scenario, TrackSpeedSeries, load_robot, simulate, write_log
+from icreckon.estimator.robot.robot_file import changed_robot
 from icreckon.replay.checking.ros_settings import ros_settings, twist_errors
 
 ALPHA = load_robot("auriga-alpha")
@@ -39,8 +40,8 @@ def with_track_of_the_log(log: Log) -> Robot:
     """Robot with the effective track that the gyro shows."""
     text = ros_settings([log], ALPHA)
     shown = float(text.partition("by the gyro of this log ")[2].split()[0])
-    return with_values(
-        ALPHA, constant_icr=None, indices=with_values(ALPHA.indices, eta0=shown, epsilon0=0.0)
+    return changed_robot(
+        ALPHA, {"constant_icr": None, "indices.eta0": shown, "indices.epsilon0": 0.0}
     )
 
 
@@ -80,9 +81,7 @@ def test_odometry_with_them_turns_as_the_robot(log: Log):
 
 def test_numbers_are_floats_for_ros_and_yaml(log: Log):
     """ROS 2 refuses a whole number for a real one, and YAML 1.1 takes 1e3 for a text."""
-    robot = with_values(
-        ALPHA, constant_icr=None, vehicle=with_values(ALPHA.vehicle, track_gauge=1.0)
-    )
+    robot = changed_robot(ALPHA, {"vehicle.track_gauge": 1.0})
     text = ros_settings([log], robot)
     lines = [line.partition("#")[0] for line in text.splitlines()]
     values = re.findall(r"(?<![\w.])-?\d[\w.+-]*", " ".join(line for line in lines if ":" in line))
@@ -151,28 +150,21 @@ def test_inspect_writes_them_without_a_robot_file(log: Log, tmp_path: Path):
     assert separation == pytest.approx(by_the_log * ALPHA.vehicle.track_gauge, rel=0.03)
     assert settings["wheel_radius"] == pytest.approx(ALPHA.vehicle.sprocket_radius, rel=0.03)
 
+    # A gauge that was filled in is that of the controller.
+    succeeds("inspect", "drive", "--write", "robot.toml", cwd=tmp_path)
+    file = tmp_path / "robot.toml"
+    text = re.sub(r"track_gauge = [\d.]+", "track_gauge = 0.42", file.read_text(encoding="utf-8"))
+    file.write_text(text, encoding="utf-8")
+    words = ("--write", "robot.toml", "--ros", "ros.yaml", "--overwrite")
+    succeeds("inspect", "drive", *words, cwd=tmp_path)
+    assert parameters_of(tmp_path / "ros.yaml")["wheel_separation"] == 0.42
+
     without_truth = replace(log, truth=None)
     write_log(without_truth, tmp_path / "drive-2", "mcap", ALPHA)
     done = icreckon("inspect", "drive-2", "--ros", "ros-2.yaml", cwd=tmp_path)
     assert done.returncode == 1
     assert "fill in sprocket_radius" in done.stderr
     assert not (tmp_path / "ros-2.yaml").exists()
-
-
-def test_inspect_uses_what_was_filled_in(log: Log, tmp_path: Path):
-    write_log(log, tmp_path / "drive", "mcap", ALPHA)
-    words = ("inspect", "drive", "--write", "robot.toml")
-    succeeds(*words, cwd=tmp_path)
-    file = tmp_path / "robot.toml"
-    proposed = file.read_text(encoding="utf-8")
-    file.write_text(
-        re.sub(r"track_gauge = [\d.]+", "track_gauge = 0.42", proposed), encoding="utf-8"
-    )
-    succeeds(*words, "--overwrite", "--ros", "ros.yaml", cwd=tmp_path)
-    settings = parameters_of(tmp_path / "ros.yaml")
-    assert settings["wheel_separation"] == 0.42
-    by_the_log = controller(log, with_track_of_the_log(log))["wheel_separation_multiplier"]
-    assert settings["wheel_separation_multiplier"] == pytest.approx(by_the_log, rel=0.03)
 
 
 def test_odometry_from_a_twist_gets_a_factor_of_its_controllers(log: Log):

@@ -1,6 +1,5 @@
 """Variants side by side: here or in processes, with the same result."""
 
-import io
 import subprocess
 import sys
 from dataclasses import replace
@@ -8,14 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 import icreckon
 from icreckon import Comparison, EstimatorError, Robot, Scenario, compare, simulate, summarise
 from icreckon.estimator.robot.variants import VARIANTS as ALL_VARIANTS
 from icreckon.replay.base.colours import COLOURS
-from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
-from icreckon.report.replay.tables import results_table
+from icreckon.replay.base.errors import ReplayError
 
 VARIANTS = ["constant-fixed", "inertia-online"]
 
@@ -43,23 +40,7 @@ def test_a_variant_that_cannot_run_is_refused_before_anything_runs(robot: Robot)
 
 def test_by_default_all_variants_are_compared(robot: Robot) -> None:
     log = simulate(Scenario(duration=5.0), robot)
-    comparison = compare(log, robot)
-    assert list(comparison.runs) == list(ALL_VARIANTS)
-    results = summarise(comparison, robot)
-    console = Console(width=120, file=io.StringIO())
-    console.print(results_table(results))
-    printed = console.file.getvalue()
-    assert all(f" {name} " in printed for name in ALL_VARIANTS)
-    assert "…" not in printed
-    assert not printed.startswith("The robot file")
-    problem = "left and right are swapped"
-    results["log"]["notes"].append(f"{OF_ROBOT_FILE}{problem}")
-    console = Console(width=120, file=io.StringIO())
-    console.print(results_table(results))
-    first, second = console.file.getvalue().splitlines()[:2]
-    assert first == "The robot file does not fit this log, and all figures are with it:"
-    assert second == f"- {problem}"
-    assert console.file.getvalue().count(problem) == 1
+    assert list(compare(log, robot).runs) == list(ALL_VARIANTS)
     assert set(COLOURS) == set(ALL_VARIANTS)
     assert len(set(COLOURS.values())) == len(COLOURS)
 
@@ -68,24 +49,16 @@ def test_smoothed_runs_come_behind_the_others_and_are_not_compared_with_them(rob
     log = simulate(Scenario(duration=25.0, seed=4, outages=((8.0, 24.0),)), robot)
     plain = compare(log, robot, VARIANTS)
     comparison = compare(log, robot, VARIANTS, smooth=True)
-    smoothed = [f"{name}-smoothed" for name in VARIANTS]
-    assert list(comparison.runs) == [*VARIANTS, *smoothed]
+    assert list(comparison.runs) == [*VARIANTS, *(f"{name}-smoothed" for name in VARIANTS)]
     # To rounding: the smoother observes each part of a step.
     for name, run in plain.runs.items():
         unit = np.where(run.state_sigmas > 0.0, run.state_sigmas, 1.0)
         assert (np.abs(comparison.runs[name].states - run.states) < 1e-8 * unit).all()
-    results = summarise(comparison, robot)
-    scores, before = results["variants"], summarise(plain, robot)
-    for name in VARIANTS:
-        for key in ("drift_percent_30s", "rmse_position_m", "rmse_v_y_m_s"):
-            if key in before["variants"][name]:
-                assert scores[name][key] == pytest.approx(before["variants"][name][key], rel=1e-6)
-        assert scores[name]["used"] == before["variants"][name]["used"]
+    scores = summarise(comparison, robot)["variants"]
     of_filter, of_smoother = (scores[f"inertia-online{end}"] for end in ("", "-smoothed"))
     assert of_smoother["rmse_v_y_m_s"] < of_filter["rmse_v_y_m_s"]
     blind = Comparison(replace(log, truth=None), comparison.runs, None)
-    results = summarise(blind, robot)
-    assert results["reference_variant"] == VARIANTS[-1]
+    assert summarise(blind, robot)["reference_variant"] == VARIANTS[-1]
 
 
 @pytest.mark.thorough
@@ -94,9 +67,10 @@ def test_a_script_that_workers_cannot_import_ends_with_a_line(tmp_path: Path) ->
     script = tmp_path / "script.py"
     script.write_text(
         "from icreckon import Scenario, compare, load_robot, simulate\n"
+        "from icreckon.replay.comparison import compare as comparing\n"
+        "comparing._processes_pay_off = lambda *_: True\n"
         "robot = load_robot('auriga-alpha')\n"
-        # So long that processes pay off.
-        "log = simulate(Scenario(duration=2500.0), robot)\n"
+        "log = simulate(Scenario(duration=10.0), robot)\n"
         "compare(log, robot, ('gyro', 'constant-fixed'), workers=2)\n",
         encoding="utf-8",
     )
@@ -122,13 +96,6 @@ def test_one_variant_and_a_part_as_texts(log: icreckon.Log, tmp_path: Path):
         icreckon.write_report(str(tmp_path / "none"), found, results, robot)
     with pytest.raises(ReplayError, match="no part of a log"):
         icreckon.compare(log, robot, "gyro", fixes="the first half")
-
-
-def test_part_takes_seconds_and_between_stamps(log: icreckon.Log):
-    part = log.part(10.0, 20.0)
-    assert part.start == log.start + 10_000_000_000
-    assert part.duration == pytest.approx(10.0)
-    assert len(log.between(part.start, part.end).imu.stamps) == len(part.imu.stamps)
     with pytest.raises(EstimatorError, match=r"part\(0.0, 10.0\) takes seconds"):
         log.between(0, 10)
 

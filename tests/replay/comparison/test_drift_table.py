@@ -133,9 +133,7 @@ def test_the_verdict_says_who_drifts_least_and_who_may_be_as_good() -> None:
     low, high = found["ratio_95"]
     assert 0.45 < low < 0.5 < high < 0.55
     assert found["not_shown_worse"] == [next(iter({"a", "b"} - {found["best"]}))]
-
-
-def test_smoothed_runs_are_never_the_best() -> None:
+    # Smoothed runs are no rivals.
     drifts = pairs({"constant-online": 1.0, "constant-online-smoothed": 0.1})
     assert verdict(drifts, "constant-online")["best"] == "constant-online"
 

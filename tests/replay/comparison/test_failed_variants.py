@@ -82,9 +82,8 @@ def test_a_lost_variant_is_named_and_others_are_scored(whole, monkeypatch, tmp_p
     found = compare(LOG, ROBOT, VARIANTS)
     assert list(found.runs) == ["constant-online"]
     assert found.failed["inertia-online"].reason == reason
-    assert np.array_equal(
-        found.runs["constant-online"].states, whole.runs["constant-online"].states
-    )
+    states = (one.runs["constant-online"].states for one in (found, whole))
+    assert np.array_equal(*states)
     results = summarise(found, ROBOT)
     assert list(results["variants"]) == ["constant-online"]
     assert results["failed"]["inertia-online"]["reason"] == reason
@@ -118,9 +117,8 @@ def test_smoothing_that_is_lost_leaves_the_filter(monkeypatch: pytest.MonkeyPatc
         from icreckon.estimator.streaming.smoother import smooth
 
         found = smooth(*arguments, **named)
-        return found._replace(
-            smoothed=replace(found.smoothed, states=found.smoothed.states * np.inf)
-        )
+        states = found.smoothed.states * np.inf
+        return found._replace(smoothed=replace(found.smoothed, states=states))
 
     monkeypatch.setattr(comparing, "smooth_run", smooth_run)
     with np.errstate(invalid="ignore"):

@@ -10,8 +10,7 @@ import pytest
 from accuracy import GOALS, Job, differences, folds, results_of, score
 
 from conftest import REPOSITORY, sample, sample_log
-from icreckon import ConstantIcr, Indices, compare, drift, load_robot, read_log, run, summarise
-from icreckon.replay.comparison.scores import truths_of
+from icreckon import Indices, compare, drift, load_robot, read_log, run
 
 SECOND = 1_000_000_000
 
@@ -37,37 +36,6 @@ def test_logs_with_a_truth_are_scored(name, robot_name, lag, most_drift, data_di
     found = drift(poses, comparison.log.truth.poses, 30.0)
     assert len(found.starts) > 100
     assert found.percent_mean < most_drift
-
-
-def test_a_log_without_truth_compares_the_variants(data_dir: Path) -> None:
-    robot = load_robot("jackal")
-    path = sample_log(data_dir, "jackal_test2.bag")
-    log = read_log(path, robot)
-    comparison = compare(log, robot, ["differential", "inertia-online"])
-    results = summarise(comparison, robot, inputs={"log": path})
-    assert results["truth"] is None
-    assert results["reference_variant"] == "inertia-online"
-    assert results["variants"]["differential"]["end_apart_m"] > 0.0
-    json.dumps(results, allow_nan=False)
-
-
-@pytest.mark.thorough
-def test_each_variant_is_scored_with_its_own_lever_arm(data_dir: Path) -> None:
-    robot = load_robot("husky-deflated")
-    # ICRs that are off to one side put base_link elsewhere; wheels and gyro know none.
-    icr = ConstantIcr(-0.489 + 0.1, 0.489 + 0.1)
-    robot = msgspec.structs.replace(robot, constant_icr=icr)
-    log = read_log(sample_log(data_dir, "husky_deflated_part1"), robot)
-    comparison = compare(log, robot, ["constant-fixed", "gyro"])
-    truths = truths_of(comparison)
-    fixed, gyro = (truths[name].lever_arm for name in ("constant-fixed", "gyro"))
-    assert fixed[1] - gyro[1] == pytest.approx(-0.1, abs=0.03)
-    run = comparison.runs["constant-fixed"].trajectory.pose_series
-    own, other = (
-        drift(run, truths[name].truth.poses, 10.0).percent_mean
-        for name in ("constant-fixed", "gyro")
-    )
-    assert own < 0.9 * other
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,15 @@
 """Where a run starts whose log has fixes but no truth."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
-from conftest import sample_log
-from icreckon import FixSpec, HeadingFix, Log, Scenario, compare, read_log, simulate
+from icreckon import FixSpec, HeadingFix, Log, Scenario, compare, simulate
 from icreckon.estimator.base.frames import rotate, wrap_angle
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.comparison.initial_pose import ANY_HEADING, EXACT_ORIGIN, start_from_fixes
 
 VARIANT = "constant-online"
@@ -40,6 +39,13 @@ def test_fixes_in_odom_start_at_the_origin(log: Log, robot: Robot) -> None:
     assert start(replace(log, fixes=None), robot) == EXACT_ORIGIN
 
 
+def test_a_start_at_fixes_that_wander_counts_for_little(log: Log, robot: Robot) -> None:
+    """The filter uses the same fixes once more."""
+    fixes = {"topic": "/fix", "wander_sigma": 1.2, "wander_time": 60.0}
+    wandering = structs.replace(robot, log=robot.log | {"fixes": fixes})
+    assert start(moved(log, 500.0, -80.0, 2.0), wandering).sigma[0] > 3.0 * 1.2
+
+
 @pytest.mark.parametrize(
     ("place", "yaw"), [((0.0, 0.0), 2.0), ((500.0, -80.0), 0.0), ((500.0, -80.0), -3.0)]
 )
@@ -56,9 +62,8 @@ def test_fixes_in_another_frame(log, robot, place, yaw):
 def test_fixes_of_an_antenna_in_another_frame(log: Log, robot: Robot) -> None:
     """The start is that of base_link, not of the antenna."""
     antenna = np.array([1.5, 0.5])
-    yaw = np.interp(
-        log.fixes.stamps, log.truth.poses.stamps, np.unwrap(log.truth.poses.poses[:, 2])
-    )
+    truth = log.truth.poses
+    yaw = np.interp(log.fixes.stamps, truth.stamps, np.unwrap(truth.poses[:, 2]))
     poses = log.fixes.poses.copy()
     poses[:, :2] += rotate(np.tile(antenna, (len(yaw), 1)), yaw)
     elsewhere = moved(replace(log, fixes=replace(log.fixes, poses=poses)), 20.0, -8.0, 2.0)
@@ -88,24 +93,24 @@ def test_a_robot_that_stands_for_long_at_first(log: Log, robot: Robot) -> None:
     elsewhere = moved(log, 0.0, 0.0, 2.0)
     tracks, imu, fixes = elsewhere.tracks, elsewhere.imu, elsewhere.fixes
     before = np.arange(0, wait, 10**8) + log.start
-    still = np.zeros(len(before))
+    still = np.zeros((len(before), 3))
     # Standing still, its gyro shows the bias that it has later.
     turning = np.interp(imu.stamps, log.truth.twists.stamps, log.truth.twists.twists[:, 2])
     bias = float((imu.angular_velocity[:, 2] - turning).mean())
     waited = replace(
         elsewhere,
         tracks=TrackSpeedSeries(
-            np.r_[before, tracks.stamps + wait], np.r_[np.zeros((len(before), 2)), tracks.speeds]
+            np.r_[before, tracks.stamps + wait], np.r_[still[:, :2], tracks.speeds]
         ),
         imu=ImuSeries(
             np.r_[before, imu.stamps + wait],
-            np.r_[np.column_stack([still, still, still + bias]), imu.angular_velocity],
-            np.r_[np.column_stack([still, still, still + 9.81]), imu.linear_acceleration],
+            np.r_[still + np.array([0.0, 0.0, bias]), imu.angular_velocity],
+            np.r_[still + np.array([0.0, 0.0, 9.81]), imu.linear_acceleration],
         ),
         fixes=FixSeries(
             np.r_[before[::10], fixes.stamps + wait],
-            np.r_[np.repeat(fixes.poses[:1], len(before[::10]), axis=0), fixes.poses],
-            np.r_[np.repeat(fixes.variances[:1], len(before[::10]), axis=0), fixes.variances],
+            np.r_[still[::10] + fixes.poses[0], fixes.poses],
+            np.r_[still[::10, :2] + fixes.variances[0], fixes.variances],
         ),
     )
     found = start(waited, robot)
@@ -121,17 +126,3 @@ def test_a_comparison_starts_there(log: Log, robot: Robot) -> None:
     off = np.hypot(*(found.poses[at, :2] - elsewhere.fixes.poses[2:, :2]).T)
     assert off.max() < 1.0
     assert not comparison.runs[VARIANT].health.sensors["position"].rejected
-
-
-def test_a_sample_log_with_gps(data_dir: Path) -> None:
-    robot = load_robot("husky")
-    robot.log["fixes"] = {"topic": "/fix"}
-    log = read_log(sample_log(data_dir, "husky_test1.bag"), robot)
-    found = compare(log, robot, [VARIANT]).runs[VARIANT].trajectory
-    poses = np.column_stack(
-        [np.interp(log.fixes.stamps, found.stamps, found.poses[:, k]) for k in (0, 1)]
-    )
-    off = np.hypot(*(poses - log.fixes.poses[:, :2]).T)
-    # Plain GPS is a metre or two off and wanders; it must not start with the wrong heading.
-    assert np.median(off) < 2.0
-    assert off[:50].max() < 3.0

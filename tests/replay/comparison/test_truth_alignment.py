@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from msgspec import structs
 
 from icreckon import Robot, Scenario, Trajectory, compare, simulate, summarise
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, Truth
+from icreckon.estimator.robot.robot_file import changed_robot
 from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
 from icreckon.replay.comparison.truth_alignment import align_truth
 
@@ -25,10 +25,8 @@ def weaving(turning: float) -> tuple[Trajectory, PoseSeries]:
     poses = np.column_stack([np.cumsum(steps, axis=0), yaw])
     stamps = (times * 1e9).astype(np.int64)
     nothing = np.zeros((len(stamps), 3, 3))
-    return (
-        Trajectory(stamps, poses, nothing, np.zeros((len(stamps), 3)), nothing),
-        PoseSeries(stamps, poses),
-    )
+    reckoned = Trajectory(stamps, poses, nothing, np.zeros((len(stamps), 3)), nothing)
+    return reckoned, PoseSeries(stamps, poses)
 
 
 def late(poses: PoseSeries, seconds: float, noise: float) -> Truth:
@@ -70,9 +68,7 @@ def test_runs_start_at_the_truth_by_their_own_lever_arm(robot: Robot) -> None:
     """A variant without zeta0 has its base_link elsewhere: neither its NEES nor its end is off."""
     log = simulate(Scenario(duration=60.0, trajectory="aggressive", truth="kinematic"), robot)
     log = replace(log, fixes=None, truth=replace(log.truth, twists=None, tracks=None))
-    ahead = structs.replace(
-        robot, constant_icr=None, indices=structs.replace(robot.indices, zeta0=0.5)
-    )
+    ahead = changed_robot(robot, {"constant_icr": None, "indices.zeta0": 0.5})
     found = summarise(compare(log, ahead, ("gyro", "constant-fixed")), ahead)
     scores, series = found["variants"], found["series"]["variants"]
     arms = [scores[name]["lever_arm_m"] for name in scores]

@@ -2,13 +2,14 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
 
-from icreckon import FixSpec, Log, Robot, Scenario, inspect, load_robot, simulate, write_log
+from icreckon import FixSpec, Log, Scenario, inspect, load_robot, simulate, write_log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.sensors.sensor_models import SensorModels
@@ -18,6 +19,7 @@ ALPHA = load_robot("auriga-alpha")
 GPS = FixSpec(sigma=0.3, wander_sigma=1.2, wander_time=60.0)
 
 
+@cache
 def driven(fixes: FixSpec, seed: int = 1) -> Log:
     scenario = Scenario(duration=600.0, seed=seed, fix_rate=1.0, fixes=fixes, truth="kinematic")
     return simulate(scenario, ALPHA)
@@ -62,9 +64,8 @@ def test_white_noise_and_the_errors_of_odometry_are_no_wander(sigma: float) -> N
 def test_what_fixes_do_not_state_is_neither_evidence_nor_kept(tmp_path: Path) -> None:
     log = driven(FixSpec(sigma=0.01, wander_sigma=0.3, wander_time=20.0))
     vertical = SensorModels(ALPHA).yaw_rates(log.imu.angular_velocity)
-    stating = replace(
-        log, fixes=replace(log.fixes, variances=np.full_like(log.fixes.variances, 0.09))
-    )
+    coarse = np.full_like(log.fixes.variances, 0.09)
+    stating = replace(log, fixes=replace(log.fixes, variances=coarse))
     assert not estimate_wander(stating, vertical).reason
     assert estimate_wander(stating, vertical, states_sigma=False).reason
     # Poses without covariances, of which all noise is white.
@@ -76,40 +77,18 @@ def test_what_fixes_do_not_state_is_neither_evidence_nor_kept(tmp_path: Path) ->
     assert float(line.split()[2]) == pytest.approx(0.2, rel=0.15)
 
 
-def test_any_units_frame_bias_and_outliers_change_little() -> None:
-    log = driven(GPS)
-    fixes, imu = log.fixes, log.imu
-    expected = found_in(log)
-    at = (fixes.poses[:, 0] + 1j * fixes.poses[:, 1]) * np.exp(2j) + 100.0
-    poses = np.column_stack([at.real, at.imag, fixes.poses[:, 2]])
-    poses[::40, 0] += 50.0
-    tracks = replace(log.tracks, speeds=7.0 * log.tracks.speeds)
-    other = replace(log, fixes=replace(fixes, poses=poses), tracks=tracks)
-    vertical = SensorModels(ALPHA).yaw_rates(imu.angular_velocity) + 2e-4
-    found = estimate_wander(other, vertical)
-    assert found.sigma == pytest.approx(expected.sigma, rel=0.4)
-    assert found.white == pytest.approx(expected.white, rel=0.2)
-    assert not found.reason
-
-
 @pytest.mark.thorough
-def test_inspect_proposes_what_a_replay_accepts(tmp_path: Path, robot: Robot) -> None:
-    bag = write_log(driven(GPS), tmp_path / "gps", "mcap", robot)
-    found = inspect(bag)
+def test_inspect_proposes_what_a_replay_accepts(tmp_path: Path) -> None:
+    found = inspect(write_log(driven(GPS), tmp_path / "gps", "mcap", ALPHA))
     assert any("fixes: their error wanders" in finding for finding in found.findings)
     text = found.proposed_robot_file
-    assert "\nwander_sigma = " in text
-    assert "\nwander_time = " in text
     assert text.count("position_sigma") == 1
     path = tmp_path / "robot.toml"
     filled = text.replace("mass = nan", "mass = 200.0").replace("gauge = nan", "gauge = 0.6")
     path.write_text(filled.replace("radius = nan", "radius = 0.1"), encoding="utf-8")
     proposed = load_robot(path).log["fixes"]
     assert 0.6 < proposed["wander_sigma"] < 2.4
-
-    white = inspect(write_log(driven(FixSpec(sigma=0.3)), tmp_path / "white", "mcap", robot))
-    assert any("no wander is proposed" in finding for finding in white.findings)
-    assert "wander_sigma" not in white.proposed_robot_file
+    assert proposed["wander_time"] > 0.0
 
 
 @pytest.mark.parametrize(("stated", "proposed"), [(1.0, True), (0.05, False), (10.0, True)])

@@ -25,22 +25,30 @@ TURN[SECONDS <= 5.0] = 0.0
 RADIUS, TRACK = 0.2, 0.9
 LEFT, RIGHT = ((SPEED + side * 0.5 * TRACK * TURN) / RADIUS for side in (-1.0, 1.0))
 YAW = np.cumsum(TURN) * 0.05
+X, Y = (np.cumsum(SPEED * one(YAW)) * 0.05 for one in (np.cos, np.sin))
 NAMES = ("mast", "m3", "m1", "m4", "m2")
+
+
+def slam(k: int):
+    q = (0.0, 0.0, float(np.sin(YAW[k] / 2)), float(np.cos(YAW[k] / 2)))
+    return "/slam", pose_stamped(START + k * STEP, x=float(X[k]), y=float(Y[k]), q=q)
 
 
 def bag(path: Path, *, sign: float = 1.0, rate: float = 1.0, force: float = 1.0) -> Path:
     """Four wheels under names that show no side, an IMU, and the true poses."""
     messages = []
-    x, y = (np.cumsum(SPEED * one(YAW)) * 0.05 for one in (np.cos, np.sin))
     for k in range(len(SECONDS)):
         stamp = START + k * STEP
         wheels = (0.0, RIGHT[k], LEFT[k], sign * RIGHT[k], LEFT[k])
-        messages.append(("/motors", joints(stamp, wheels, NAMES)))
         turn, up = (0.0, 0.0, rate * TURN[k]), (0.0, force * SPEED[k] * TURN[k], force * 9.80665)
-        messages.append(("/imu", imu(stamp, turn, up)))
-        q = (0.0, 0.0, float(np.sin(YAW[k] / 2)), float(np.cos(YAW[k] / 2)))
-        messages.append(("/slam", pose_stamped(stamp, x=float(x[k]), y=float(y[k]), q=q)))
+        messages += [("/motors", joints(stamp, wheels, NAMES)), ("/imu", imu(stamp, turn, up))]
+        messages.append(slam(k))
     return write_bag(path, messages)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return bag(tmp_path_factory.mktemp("plain") / "bag")
 
 
 def proposed_with(log: Path, robot: Path) -> dict:
@@ -57,15 +65,16 @@ right = ["m3", "m4"]
 """
 
 
-def test_streams_that_were_filled_in_are_those_that_are_inspected(tmp_path: Path) -> None:
-    log, robot = bag(tmp_path / "bag"), tmp_path / "robot.toml"
-    first = inspect(log)
+def test_streams_that_were_filled_in_are_those_that_are_inspected(
+    plain: Path, tmp_path: Path
+) -> None:
+    robot, first = tmp_path / "robot.toml", inspect(plain)
     assert np.isnan(tomllib.loads(first.proposed_robot_file)["vehicle"]["sprocket_radius"])
     text = first.proposed_robot_file.replace("[log.fixes]", "[log.truth]")
     text = text.replace("track_gauge = nan", "track_gauge = 0.6")
     text = text.replace("position_sigma = 0.05", "# ")
     robot.write_text(text + WHEELS, encoding="utf-8")
-    found = proposed_with(log, robot)
+    found = proposed_with(plain, robot)
     assert found["vehicle"]["sprocket_radius"] == pytest.approx(RADIUS, rel=0.01)
     assert found["indices"]["eta0"] == pytest.approx(TRACK / 0.6, rel=0.01)
     assert found["vehicle"]["track_gauge"] == 0.6
@@ -105,11 +114,11 @@ def test_a_wheel_that_counts_backward_is_named_with_a_minus(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_a_side_that_counts_backward_is_found(tmp_path: Path, side: str) -> None:
+def test_a_side_that_counts_backward_is_found(plain: Path, side: str) -> None:
     tracks = {"topic": "/motors", "left": ["m1"], "right": ["m3"]}
     tracks[side] = ["-m1" if side == "left" else "-m3"]
     robot = robot_with(tracks=tracks, imu={"topic": "/imu"}, truth={"topic": "/slam"})
-    checks = check_robot(read_log(bag(tmp_path / "bag"), robot), robot)
+    checks = check_robot(read_log(plain, robot), robot)
     found = next(one for one in checks if one.name == "sense of turning")
     assert found.problem.startswith(f"the {side} side counts backward")
     assert f"minus before the names of {side}" in found.remedy
@@ -134,13 +143,12 @@ def test_a_clock_set_back_takes_the_truth_with_it(tmp_path: Path) -> None:
 def table(path: Path, names: str, *, ticks: bool = False) -> Path:
     """German numbers: ms; rpm or counts of 16 bits; deg/s; g; m and deg of the truth."""
     none = np.zeros_like(SECONDS)
-    x, y = (np.cumsum(SPEED * one(YAW)) * 0.05 for one in (np.cos, np.sin))
     wheels = [60.0 / (2.0 * np.pi) * one for one in (LEFT, RIGHT)]
     if ticks:
         turns = [np.cumsum(one) * 0.05 / (2.0 * np.pi) for one in (LEFT, RIGHT)]
         wheels = [np.floor(8192.0 * one) % 65536.0 - 32768.0 for one in turns]
     forces = [none, SPEED * TURN / 9.80665, none + 1.0]
-    columns = [1e3 * SECONDS, *wheels, none, none, np.degrees(TURN), *forces, x, y, np.degrees(YAW)]
+    columns = [1e3 * SECONDS, *wheels, none, none, np.degrees(TURN), *forces, X, Y, np.degrees(YAW)]
     rows = (";".join(f"{one:.6f}" for one in row) for row in np.column_stack(columns))
     path.write_text("\n".join([names, *(row.replace(".", ",") for row in rows)]), encoding="utf-8")
     return path
@@ -152,7 +160,11 @@ REST = f"{GYRO};{FORCE};true x [m];true y [m];true yaw [°]"
 
 def test_names_with_units_in_brackets(tmp_path: Path) -> None:
     names = f"Time [ms];left speed [U/min];right speed [U/min];{REST}"
-    proposed = tomllib.loads(inspect(table(tmp_path / "own.csv", names)).proposed_robot_file)
+    path, robot = table(tmp_path / "own.csv", names), tmp_path / "robot.toml"
+    found = inspect(path)
+    assert {(one.frame_id, one.count) for one in found.topics} == {("own.csv", len(SECONDS))}
+    assert found.duration == pytest.approx(59.95)
+    proposed = tomllib.loads(found.proposed_robot_file)
     columns = proposed["log"]["columns"]
     assert (columns["time"], columns["time_unit"]) == ("Time [ms]", "ms")
     assert columns["tracks"]["unit"] == "rpm"
@@ -160,6 +172,9 @@ def test_names_with_units_in_brackets(tmp_path: Path) -> None:
     assert (columns["truth"]["yaw"], columns["truth"]["yaw_unit"]) == ("true yaw [°]", "deg")
     assert proposed["vehicle"]["sprocket_radius"] == pytest.approx(RADIUS, rel=0.01)
     assert proposed["vehicle"]["track_gauge"] == pytest.approx(TRACK, rel=0.01)
+    robot.write_text(found.proposed_robot_file.replace("= nan", "= 1.0"), "utf-8")
+    log = read_log(path, load_robot(robot))
+    assert len(log.tracks.stamps) == len(log.imu.stamps) == len(log.truth.poses.stamps)
 
 
 @pytest.mark.parametrize(
@@ -192,10 +207,8 @@ def test_a_yaw_rate_alone_is_a_gyro(tmp_path: Path, name: str) -> None:
 
 
 def test_a_time_in_another_language_is_all_that_is_filled_in(tmp_path: Path) -> None:
-    log, robot = (
-        table(tmp_path / "own.csv", f"Zeit;left_rpm;right_rpm;{REST}"),
-        tmp_path / "own.toml",
-    )
+    robot = tmp_path / "own.toml"
+    log = table(tmp_path / "own.csv", f"Zeit;left_rpm;right_rpm;{REST}")
     assert "log" not in tomllib.loads(inspect(log).proposed_robot_file)
     robot.write_text('[log.columns]\ntime = "Zeit"\ntime_unit = "ms"\n', encoding="utf-8")
     found = proposed_with(log, robot)
@@ -214,9 +227,7 @@ def test_tables_with_times_in_different_units(tmp_path: Path) -> None:
     (settings := tmp_path / "settings.csv").write_text("gain,offset\n1.0,2.0\n", "utf-8")
     found = inspect([tracks, gps, settings])
     assert inspect(tmp_path).mapping.columns.fixes.latitude == "latitude"
-    assert any(
-        "no column looks like a time, not used: settings.csv" in note for note in found.notes
-    )
+    assert any("looks like a time, not used: settings.csv" in note for note in found.notes)
     columns = tomllib.loads(found.proposed_robot_file)["log"]["columns"]
     assert (columns["time"], columns["time_unit"]) == ("t_ms", "ms")
     assert (columns["fixes"]["time"], columns["fixes"]["time_unit"]) == ("t_s", "s")
@@ -232,16 +243,12 @@ def test_tables_with_times_in_different_units(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("names", ["enc_l;enc_r", "encL;encR"])
 def test_counters_of_16_bits(tmp_path: Path, names: str) -> None:
-    log, robot = (
-        table(tmp_path / "own.csv", f"t [ms];{names};{REST}", ticks=True),
-        tmp_path / "own.toml",
-    )
+    robot = tmp_path / "own.toml"
+    log = table(tmp_path / "own.csv", f"t [ms];{names};{REST}", ticks=True)
     text = inspect(log).proposed_robot_file
     assert tomllib.loads(text)["log"]["columns"]["tracks"]["wrap"] == 65536.0
     marked = with_filled_in(text, robot)[0]
-    robot.write_text(
-        marked.replace("counts_per_turn = nan", "counts_per_turn = 8192.0"), encoding="utf-8"
-    )
+    robot.write_text(marked.replace("per_turn = nan", "per_turn = 8192.0"), encoding="utf-8")
     vehicle = proposed_with(log, robot)["vehicle"]
     assert vehicle["sprocket_radius"] == pytest.approx(RADIUS, rel=0.01)
     assert vehicle["max_track_speed"] == pytest.approx(1.2 * RADIUS * RIGHT.max(), rel=0.1)
@@ -250,13 +257,10 @@ def test_counters_of_16_bits(tmp_path: Path, names: str) -> None:
 def test_the_scale_of_an_odometry_has_a_place(tmp_path: Path) -> None:
     """A controller whose wheels are 10 % too large."""
     messages = []
-    x, y = (np.cumsum(SPEED * one(YAW)) * 0.05 for one in (np.cos, np.sin))
     for k in range(len(SECONDS)):
         stamp = START + k * STEP
         messages.append(("/odom", odometry(stamp, SPEED[k] / 0.9, TURN[k] / 0.9)))
-        messages.append(("/imu", imu(stamp, (0.0, 0.0, TURN[k]))))
-        q = (0.0, 0.0, float(np.sin(YAW[k] / 2)), float(np.cos(YAW[k] / 2)))
-        messages.append(("/slam", pose_stamped(stamp, x=float(x[k]), y=float(y[k]), q=q)))
+        messages += [("/imu", imu(stamp, (0.0, 0.0, TURN[k]))), slam(k)]
     log = write_bag(tmp_path / "bag", messages)
     streams = {"imu": {"topic": "/imu"}, "truth": {"topic": "/slam"}}
     robot = robot_with(tracks={"topic": "/odom", "gauge": TRACK}, **streams)
@@ -338,42 +342,34 @@ def test_swapped_topics_are_reported(tmp_path: Path) -> None:
 
 
 def test_numbers_on_topics_that_name_no_side_are_listed(tmp_path: Path) -> None:
-    (found,) = (
-        one
-        for one in inspect(counters(tmp_path / "bag", "/enc/a", "/enc/b")).findings
-        if one.startswith("no track speeds")
-    )
-    assert found.endswith(
-        "topics with a number: /enc/a, /enc/b (one of each side: topic, right_topic)"
-    )
+    findings = inspect(counters(tmp_path / "bag", "/enc/a", "/enc/b")).findings
+    (found,) = (one for one in findings if one.startswith("no track speeds"))
+    assert "topics with a number: /enc/a, /enc/b" in found
 
 
 def test_sides_with_messages_of_two_types(tmp_path: Path) -> None:
     """One robot file fits a log with counters of one type, and another one with two."""
     one, two = counters(tmp_path / "one"), counters(tmp_path / "two", enc_right="Int64")
-    text = inspect(one).proposed_robot_file.replace(
-        "counts_per_turn = nan", "counts_per_turn = 2000"
-    )
+    text = inspect(one).proposed_robot_file.replace("per_turn = nan", "per_turn = 2000")
     robot = tmp_path / "robot.toml"
     robot.write_text(text.replace("= nan", "= 1.5"), "utf-8")
     logs = [read_log(log, load_robot(robot)) for log in (one, two)]
     np.testing.assert_array_equal(logs[0].tracks.speeds, logs[1].tracks.speeds)
 
 
-def test_a_stream_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+def test_a_stream_that_cannot_be_read_is_refused(plain: Path, tmp_path: Path) -> None:
     """A wrong name by a person must not make a proposal without all that the log shows."""
-    log, robot = bag(tmp_path / "bag"), tmp_path / "robot.toml"
+    robot = tmp_path / "robot.toml"
     robot.write_text(WHEELS.replace("m1", "m9"), "utf-8")
     with pytest.raises(ReplayError, match=r"streams of the robot file: .* m9"):
-        inspect(log, sizes=filled_in_sizes(robot))
+        inspect(plain, sizes=filled_in_sizes(robot))
 
 
 def test_a_bag_and_a_trajectory_are_one_log(tmp_path: Path) -> None:
     """The usual dataset: a bag of the robot, and its ground truth as a TUM file."""
     log, robot = counters(tmp_path / "bag"), tmp_path / "robot.toml"
-    x, y = (np.cumsum(SPEED * one(YAW)) * 0.05 for one in (np.cos, np.sin))
-    none, stamps = np.zeros_like(x), START * 1e-9 + SECONDS
-    rows = np.column_stack([stamps, x, y, none, none, none, np.sin(YAW / 2), np.cos(YAW / 2)])
+    none, stamps = np.zeros_like(X), START * 1e-9 + SECONDS
+    rows = np.column_stack([stamps, X, Y, none, none, none, np.sin(YAW / 2), np.cos(YAW / 2)])
     np.savetxt(truth := tmp_path / "truth.tum", rows, fmt="%.9f")
     found = inspect([log, truth])
     assert any("fill in counts_per_turn" in one for one in found.findings)

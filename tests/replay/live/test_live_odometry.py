@@ -223,6 +223,41 @@ def test_the_clock_of_messages_without_stamps_may_be_set(robot, messages):
     assert last.pose_covariance == pytest.approx(sound.pose_covariance, rel=1e-2, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    "ahead",
+    [
+        lambda at: 0 if at < 4.0 else 3600,
+        lambda at: 0 if at < 4.0 else 5,
+        lambda at: -1_600_000_000 if at < 3.0 else 0,
+        lambda at: -3600 if 3.0 <= at < 6.0 else 0,
+    ],
+    ids=["an hour", "five seconds", "from the seventies", "back and forth"],
+)
+def test_the_pose_goes_on_where_a_clock_is_set(ahead, robot, messages):
+    def driven(ahead):
+        live = LiveOdometry(robot, VARIANT, settings=SETTINGS, use_fixes=False)
+        topics = subscriptions(live)
+        for one in messages:
+            by, message = ahead((one.arrival - messages[0].arrival) * 1e-9), deepcopy(one.message)
+            message.header.stamp.sec += by
+            if one.topic in topics:
+                # The system's clock is set with the stamps; the steady one is not.
+                arrival = one.arrival + by * 10**9
+                list(live.take(topics[one.topic], one.msgtype, message, arrival, one.arrival))
+        list(live.flush(one.arrival))
+        return live.odom
+
+    usual, stepped = driven(lambda _: 0), driven(ahead)
+    assert stepped.health.clock_steps >= 1 > usual.health.clock_steps
+    assert stepped.stamp - usual.stamp == pytest.approx(ahead(SECONDS) * 10**9, abs=10**8)
+    assert np.hypot(*(stepped.pose - usual.pose)[:2]) < 0.02
+    sigmas = (np.sqrt(np.diagonal(one.pose_covariance)) for one in (stepped, usual))
+    assert next(sigmas) == pytest.approx(next(sigmas), rel=0.3)
+    for name, health in usual.parameter_health.items():
+        share = stepped.parameter_health[name].share
+        assert share == pytest.approx(health.share, abs=0.1, nan_ok=True)
+
+
 def test_a_saved_run_starts_warm(robot: Robot, messages: list[Arrived], tmp_path: Path) -> None:
     live = LiveOdometry(robot, VARIANT, settings=SETTINGS, saved=tmp_path / "state.json")
     assert not live.warm
@@ -301,20 +336,6 @@ def test_a_map_that_is_turned_about_the_start_waits_for_its_heading(robot, messa
         assert abs(off) < 3.0 * np.sqrt(one.map_covariance[2, 2]) < 0.9
 
 
-def test_a_start_pose_places_the_map_without_fixes(robot: Robot, messages: list[Arrived]) -> None:
-    start = (10.0, -5.0, 2.0)
-    estimates = live_run(robot, messages, use_fixes=False, start_pose=start, reorder=0.1)
-    alone = live_run(robot, messages, use_fixes=False, reorder=0.1)
-    placed = [one for one in estimates if one.map_pose is not None]
-    assert len(placed) > len(estimates) - 30
-    for one, other in zip(estimates, alone, strict=True):
-        assert np.array_equal(one.pose, other.pose)
-    last = placed[-1]
-    assert relative(start, last.map_pose) == pytest.approx(last.pose, abs=0.02)
-    # AMCL's, and the drift.
-    assert last.map_covariance[0, 0] > 0.25
-
-
 def test_a_pose_that_is_given_starts_the_map_anew(robot: Robot, messages: list[Arrived]) -> None:
     live = LiveOdometry(robot, VARIANT, settings=SETTINGS, reorder=0.1)
     half = len(messages) // 2
@@ -331,16 +352,6 @@ def test_a_pose_that_is_given_starts_the_map_anew(robot: Robot, messages: list[A
     moved = relative(first.pose, last.pose)
     assert relative(first.map_pose, last.map_pose) == pytest.approx(moved, abs=0.03)
     assert live.map.estimator is not None
-
-
-def test_a_reset_goes_back_to_the_start_pose(robot: Robot, messages: list[Arrived]) -> None:
-    live = LiveOdometry(
-        robot, VARIANT, settings=SETTINGS, use_fixes=False, start_pose=(3.0, 4.0, 0.0)
-    )
-    list(through(live, messages[: len(messages) // 2]))
-    live.restart()
-    again = [one for one in through(live, messages) if one.map_pose is not None]
-    assert again[0].map_pose == pytest.approx((3.0, 4.0, 0.0), abs=0.05)
 
 
 def test_statuses_name_what_is_wrong(live, messages):
@@ -403,3 +414,21 @@ def test_a_gap_in_the_track_speeds_is_reported_once(live, robot, messages):
     pose = named(statuses)["pose in odom"]
     assert pose.level == WARN
     assert "a gap in the track speeds was bridged" in pose.message
+
+
+def test_a_start_pose_places_the_map_without_fixes_and_after_a_reset(robot, messages) -> None:
+    start, how = (10.0, -5.0, 2.0), {"settings": SETTINGS, "use_fixes": False, "reorder": 0.1}
+    live = LiveOdometry(robot, VARIANT, start_pose=start, **how)
+    estimates = list(through(live, messages))
+    alone = list(through(LiveOdometry(robot, VARIANT, **how), messages))
+    placed = [one for one in estimates if one.map_pose is not None]
+    assert len(placed) > len(estimates) - 30
+    for one, other in zip(estimates, alone, strict=True):
+        assert np.array_equal(one.pose, other.pose)
+    last = placed[-1]
+    assert relative(start, last.map_pose) == pytest.approx(last.pose, abs=0.02)
+    # AMCL's, and the drift.
+    assert last.map_covariance[0, 0] > 0.25
+    live.restart()
+    again = [one for one in through(live, messages) if one.map_pose is not None]
+    assert again[0].map_pose == pytest.approx(start, abs=0.05)

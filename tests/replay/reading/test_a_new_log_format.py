@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from icreckon import Log, ReplayError, Robot, Scenario, compare, simulate, summarise, write_report
+from icreckon import Log, ReplayError, Robot, Scenario, compare, simulate
 from icreckon.estimator.log.measurements import ImuSample, Measurement, PositionFix, TrackSpeeds
 
 # --- the reader ---------------------------------------------------------------------------------------
@@ -88,23 +88,9 @@ def test_it_replays_like_the_log_that_was_written(file: Path, simulated: Log, ro
         np.testing.assert_allclose(read.runs[name].states, run.states, rtol=1e-9, atol=1e-12)
 
 
-def test_the_results_are_written_like_those_of_a_bag(file: Path, robot: Robot) -> None:
-    comparison = compare(read_sentences(file), robot, VARIANTS)
-    results = summarise(comparison, robot, inputs={"drive": file})
-    write_report(file.parent, comparison, results, robot, formats=["tum"])
-    for name in ("results.json", "page.html", "inertia-online.tum"):
-        assert (file.parent / name).exists()
-
-
 def test_damaged_lines_are_dropped_and_counted(file: Path, simulated: Log) -> None:
     text = file.read_text(encoding="ascii")
     file.write_text(text.replace("0", "1", 1), encoding="ascii")
     log = read_sentences(file)
     assert log.dropped == {"line: checksum": 1}
     assert len(list(log.measurements())) == len(list(simulated.measurements())) - 1
-
-
-def test_a_file_without_track_speeds_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "empty.txt").write_text("", encoding="ascii")
-    with pytest.raises(ReplayError, match="holds no track speeds"):
-        read_sentences(tmp_path / "empty.txt")

@@ -7,8 +7,7 @@ import pytest
 
 import bag_messages as made
 from bag_messages import JOINTS, SPEEDS, navsatfix, robot_with, tf_bag, transform
-from conftest import sample_log
-from icreckon import HeightFix, Log, ReplayError, load_robot, read_log
+from icreckon import HeightFix, Log, ReplayError, read_log
 from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
 
 SECOND = 10**9
@@ -61,15 +60,6 @@ def test_heights_are_used_with_a_sigma_alone(tmp_path: Path) -> None:
     assert read(tmp_path / "other", fixes, fixes={"topic": "/fix"}).others == ()
 
 
-def test_gps_about_a_given_origin(tmp_path: Path) -> None:
-    mapped = {"topic": "/fix", "origin": [51.999, 13.0, 0.0], "position_sigma": 2.0}
-    log = read(tmp_path / "bag", [("/fix", navsatfix(SECOND, 52.0, 13.0, known=0))], fixes=mapped)
-    np.testing.assert_allclose(log.fixes.poses[0, :2], [0.0, 111.267], atol=0.01)
-    assert log.fixes.variances[0, 0] == 4.0
-    assert log.notes == ()
-    assert log.origin == (51.999, 13.0, 0.0)
-
-
 def test_fixes_that_claim_to_be_too_good_are_taken_for_less(tmp_path: Path) -> None:
     fixes = [
         navsatfix(1 * SECOND, 52.0, 13.0, variances=(0.01, 0.01)),
@@ -80,12 +70,19 @@ def test_fixes_that_claim_to_be_too_good_are_taken_for_less(tmp_path: Path) -> N
     np.testing.assert_allclose(log.fixes.variances[:, 0], [4.0, 9.0])
 
 
-def test_gps_of_an_antenna(tmp_path: Path) -> None:
-    fixes = [("/fix", navsatfix(k * SECOND, 52.0, 13.0)) for k in (1, 2)]
-    log = read(tmp_path / "bag", fixes, fixes={"topic": "/fix", "position": [0.4, -0.1]})
-    np.testing.assert_array_equal(log.fixes.lever_arms, [[0.4, -0.1]] * 2)
-    plain = read(tmp_path / "plain", fixes, fixes={"topic": "/fix"})
-    assert plain.fixes.antennas is None
+@pytest.mark.parametrize(
+    ("keys", "variance"),
+    [
+        ({}, 1.5),
+        ({"position_sigma": 0.3}, 1.5),
+        ({"wander_sigma": 1.2, "wander_time": 60.0}, 1.5),
+        ({"wander_sigma": 1.2, "wander_time": 60.0, "position_sigma": 0.3}, 0.09),
+    ],
+)
+def test_the_white_part_of_fixes_that_wander_may_be_given(tmp_path, keys, variance):
+    fix = ("/fix", made.pose_with_covariance(SECOND, (1.5, 1.5, 0.0), x=1.0))
+    log = read(tmp_path / "bag", [fix], fixes={"topic": "/fix", **keys})
+    assert log.fixes.variances[0, 0] == pytest.approx(variance)
 
 
 @pytest.mark.parametrize(
@@ -185,26 +182,3 @@ def test_transforms_that_are_none_are_counted(tmp_path: Path) -> None:
     log = read_log(tf_bag(tmp_path / "bag", moving), robot_with(tracks=JOINTS, fixes=mapped))
     assert len(log.fixes.stamps) == 1
     assert log.dropped == {"fixes: tf: not finite or no rotation": 2}
-
-
-def test_a_sample_log_whose_gps_has_another_clock(data_dir: Path) -> None:
-    robot = load_robot("wetexplorer")
-    robot.log.clear()
-    robot.log.update(
-        imu={"topic": "/imu/data_raw"},
-        fixes={"topic": "/gps/fix", "position_sigma": 0.02},
-        heading={"topic": "/gps/navheading", "offset_deg": -90.0, "sigma": 0.05},
-    )
-    log = read_log(sample_log(data_dir, "wetexplorer_2024-07-05-13-33-58.bag"), robot)
-    assert any("19.0 days" in note and note.startswith("fixes") for note in log.notes)
-    assert abs(int(log.fixes.stamps[0]) - log.start) < SECOND
-    # While it drives, the heading is the direction of driving, as the README beside the logs says.
-    steps = np.diff(log.fixes.poses[::5, :2], axis=0)
-    driving = np.hypot(*steps.T) > 0.5
-    courses = np.arctan2(steps[:, 1], steps[:, 0])[driving]
-    at = 0.5 * (log.fixes.stamps[::5][1:] + log.fixes.stamps[::5][:-1])[driving]
-    headings = np.interp(
-        at, [fix.stamp for fix in log.others], np.unwrap([fix.yaw for fix in log.others])
-    )
-    off = np.angle(np.exp(1j * (courses - headings)))
-    assert np.abs(np.median(off)) < 0.1

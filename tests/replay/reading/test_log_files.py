@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bag_messages import JOINTS, SPEEDS, halves, imu, joints, odometry, robot_with, write_bag
+from bag_messages import JOINTS, SPEEDS, halves, joints, odometry, robot_with, write_bag
 from conftest import make_log
 from icreckon import Log, ReplayError, Robot, load_robot, read_log, write_log
 from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
@@ -96,19 +96,6 @@ def test_clocks(streams: dict[str, Evidence], clocks: list[str]) -> None:
     assert all(choice.reason for choice in chosen.values())
 
 
-def test_a_clock_that_is_off_is_noted(tmp_path: Path) -> None:
-    days = 19 * 86_400 * SECOND
-    messages = [*SPEEDS, *(("/imu", imu(k * SECOND + days)) for k in (1, 2, 3))]
-    times = [k * SECOND for k in (1, 2, 3, 1, 2, 3)]
-    path = write_bag(tmp_path / "bag", messages, times=times)
-    mapped = {"tracks": JOINTS, "imu": {"topic": "/imu"}}
-    log = read_log(path, robot_with(**mapped))
-    np.testing.assert_array_equal(log.imu.stamps, [SECOND, 2 * SECOND, 3 * SECOND])
-    assert "imu by the time of recording: the header stamps are 19.0 days after" in log.notes[0]
-    mapped["imu"]["time"] = "header"
-    assert read_log(path, robot_with(**mapped)).imu.stamps[0] == SECOND + days
-
-
 def test_progress_of_reading(tmp_path: Path, robot: Robot) -> None:
     paths = [
         write_log(part, tmp_path / f"part{number}", "mcap", robot)
@@ -149,59 +136,39 @@ def test_a_part_without_fixes_is_refused() -> None:
         with_fixes_within(make_log(6.0), parse_part("500:600"))
 
 
-NOW, YEARS = 500_000_000 * SECOND, 50 * 365 * 86_400 * SECOND
 COUNT, PERIOD = 400, SECOND // 20
+NOW = 500_000_000 * SECOND
+REGULAR = [NOW + k * PERIOD for k in range(COUNT)]
 
 
-def stamps(kind: str) -> list[int]:
-    """Stamps of a drive [ns]: by a clock that is set, with a damaged one, or rows hours apart."""
-    regular = [NOW + k * PERIOD for k in range(COUNT)]
-    match kind:
-        case "set after the start":
-            return [one - NOW for one in regular[:40]] + regular[40:]
-        case "last is damaged":
-            return [*regular[:-1], NOW + YEARS]
-        case _:
-            return [NOW + k * 20 * 3600 * SECOND for k in range(COUNT)]
-
-
-def table(path: Path, kind: str) -> Path:
-    rows = ["t,l,r,w,x,y,yaw"]
-    for k, stamp in enumerate(stamps(kind)):
-        speed = float(np.sin(0.05 * k) ** 2)
-        rows.append(f"{stamp / SECOND:.3f},{speed},{1.2 * speed},{0.25 * speed},{0.05 * k},0.0,0.0")
-    path.write_text("\n".join(rows), encoding="utf-8")
-    return path
+def read_table(path: Path, head: str, rows: list[str], **columns: object) -> Log:
+    path.write_text("\n".join([head, *rows]), encoding="utf-8")
+    speeds = {"left": ["l"], "right": ["r"]}
+    return read_log(path, robot_with(columns={"time": "t", "tracks": speeds, **columns}))
 
 
 @pytest.mark.parametrize(
-    ("kind", "lost"), [("set after the start", 40), ("last is damaged", 1), ("hours apart", 0)]
+    ("stamps", "lost"),
+    [
+        ([one - NOW for one in REGULAR[:40]] + REGULAR[40:], 40),
+        ([*REGULAR[:-1], NOW + 50 * 365 * 86_400 * SECOND], 1),
+        ([NOW + k * 20 * 3600 * SECOND for k in range(COUNT)], 0),
+    ],
+    ids=["set after the start", "last is damaged", "hours apart"],
 )
-def test_the_larger_part_is_read(tmp_path: Path, kind: str, lost: int) -> None:
-    robot = robot_with(
-        columns={
-            "time": "t",
-            "tracks": {"left": ["l"], "right": ["r"]},
-            "truth": {"x": "x", "y": "y", "yaw": "yaw"},
-        }
-    )
-    log = read_log(table(tmp_path / "log.csv", kind), robot)
+def test_the_larger_part_is_read(tmp_path: Path, stamps: list[int], lost: int) -> None:
+    rows = [f"{one / SECOND:.3f},{k % 7},1,{0.05 * k},0.0,0.0" for k, one in enumerate(stamps)]
+    truth = {"x": "x", "y": "y", "yaw": "yaw"}
+    log = read_table(tmp_path / "log.csv", "t,l,r,x,y,yaw", rows, truth=truth)
     assert len(log.tracks.stamps) == COUNT - lost
-    reason = "stamp is days from most others"
-    expected = {f"tracks: {reason}": lost, f"truth: {reason}": lost} if lost else {}
-    assert log.dropped == expected
+    lines = {f"{one}: stamp is days from most others": lost for one in ("tracks", "truth")}
+    assert log.dropped == (lines if lost else {})
 
 
 def test_fixes_of_another_clock_are_left_out_and_named(tmp_path: Path) -> None:
-    columns = {
-        "time": "t",
-        "tracks": {"left": ["l"], "right": ["r"]},
-        "fixes": {"time": "utc", "x": "x", "y": "y", "position_sigma": 1.0},
-    }
+    fixes = {"time": "utc", "x": "x", "y": "y", "position_sigma": 1.0}
     rows = [f"{0.1 * k:.1f},1,1,{3600.0 + 0.1 * k:.1f},{0.1 * k:.1f},0" for k in range(50)]
-    path = tmp_path / "log.csv"
-    path.write_text("\n".join(["t,l,r,utc,x,y", *rows]), encoding="utf-8")
-    log = read_log(path, robot_with(columns=columns))
+    log = read_table(tmp_path / "log.csv", "t,l,r,utc,x,y", rows, fixes=fixes)
     assert log.fixes is None or not len(log.fixes.stamps)
     assert log.dropped == {"fixes: stamp of another clock": 50}
     assert any("stamps: no fix is within the time of tracks and IMU" in note for note in log.notes)
@@ -209,20 +176,14 @@ def test_fixes_of_another_clock_are_left_out_and_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("unit", ["ms", "us"])
 def test_a_timer_of_32_bits_may_wrap(tmp_path: Path, unit: str) -> None:
-    columns = {"time": "t", "time_unit": unit, "tracks": {"left": ["l"], "right": ["r"]}}
-    times = (2**32 - 300 + 10 * np.arange(90)) % 2**32
-    path = tmp_path / "log.csv"
-    path.write_text("\n".join(["t,l,r", *(f"{time},1,1" for time in times)]), encoding="utf-8")
-    log = read_log(path, robot_with(columns=columns))
+    rows = [f"{time},1,1" for time in (2**32 - 300 + 10 * np.arange(90)) % 2**32]
+    log = read_table(tmp_path / "log.csv", "t,l,r", rows, time_unit=unit)
     assert set(np.diff(log.tracks.stamps)) == {10 * (1_000_000 if unit == "ms" else 1000)}
     assert not log.dropped
 
 
-def test_a_cell_that_is_no_time_is_dropped(tmp_path: Path) -> None:
-    columns = {"time": "t", "tracks": {"left": ["l"], "right": ["r"]}}
-    path = tmp_path / "log.csv"
-    for cell in ("1e300", "-7e9", "1e10"):
-        path.write_text(f"t,l,r\n1,1,1\n{cell},1,1\n3,1,1\n", encoding="utf-8")
-        log = read_log(path, robot_with(columns=columns))
-        assert log.tracks.stamps.tolist() == [SECOND, 3 * SECOND]
-        assert log.dropped == {"tracks: no time": 1}
+@pytest.mark.parametrize("cell", ["1e300", "-7e9", "1e10"])
+def test_a_cell_that_is_no_time_is_dropped(tmp_path: Path, cell: str) -> None:
+    log = read_table(tmp_path / "log.csv", "t,l,r", ["1,1,1", f"{cell},1,1", "3,1,1"])
+    assert log.tracks.stamps.tolist() == [SECOND, 3 * SECOND]
+    assert log.dropped == {"tracks: no time": 1}

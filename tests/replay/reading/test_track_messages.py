@@ -31,14 +31,6 @@ def test_fields_of_a_type_of_ones_own(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.tracks.stamps, [SECOND, 2 * SECOND, 3 * SECOND])
 
 
-def test_counts_of_a_type_of_ones_own(tmp_path: Path) -> None:
-    path = drive_bag(tmp_path / "bag", made.DRIVES)
-    counts = {"unit": "counts", "counts_per_turn": 100.0}
-    log = read(path, left=["ticks[0]"], right=["ticks[1]"], **counts)
-    turn = 2.0 * np.pi * 0.5
-    np.testing.assert_allclose(log.tracks.speeds, [[0.1 * turn, 0.2 * turn]] * 2)
-
-
 def test_an_array_that_is_too_short_is_counted(tmp_path: Path) -> None:
     path = drive_bag(tmp_path / "bag", [*made.DRIVES, (4 * SECOND, (1.0, 2.0), (1,))])
     log = read(path, left=["ticks[0]"], right=["ticks[1]"], unit="rad/s")
@@ -119,13 +111,6 @@ def test_joints_that_count(tmp_path: Path) -> None:
         log.tracks.speeds, [[0.5, (2.0 * np.pi - 6.1) * 5.0], [0.5, 0.5]], atol=1e-9
     )
     np.testing.assert_array_equal(log.tracks.stamps, [SECOND // 5, 3 * SECOND // 10])
-
-
-def test_joints_without_positions(tmp_path: Path) -> None:
-    messages = [("/js", joints(k * SECOND, ())) for k in (1, 2)]
-    path = write_bag(tmp_path / "bag", messages)
-    with pytest.raises(ReplayError, match=r"2 x cannot be decoded; wanted are the positions"):
-        read_log(path, robot_with(tracks=JOINTS | {"unit": "rad"}))
 
 
 def test_four_wheels_that_wrap_are_refused(tmp_path: Path) -> None:

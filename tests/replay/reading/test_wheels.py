@@ -29,12 +29,10 @@ def rates(count: int, odd: float, seconds: float) -> np.ndarray[Any, Any]:
     return found
 
 
-def bag_of(path: Path, values: np.ndarray[Any, Any], names: list[str], turned: Any = None) -> Path:
+def bag_of(path: Path, values: np.ndarray[Any, Any], names: list[str]) -> Path:
     messages = [
         ("/js", joints(stamp, row, names)) for stamp, row in zip(STAMPS, values, strict=True)
     ]
-    for (_, message), position in zip(messages, () if turned is None else turned, strict=False):
-        message.position = position
     return write_bag(path, [*messages, *(("/imu", imu(stamp)) for stamp in STAMPS)])
 
 
@@ -65,15 +63,6 @@ def test_of_three_the_odd_one_is_named(tmp_path: Path) -> None:
     assert notes_of(read_log(path, robot_of(left, right))) == [
         "wheels of the left side disagree for 2.0 s: front_left is up to 0.80 m/s off"
     ]
-
-
-def test_counters_of_wheels_too(tmp_path: Path) -> None:
-    turned = np.cumsum(rates(2, 0.8, 3.0), axis=0) / 20
-    path = bag_of(tmp_path / "bag", 0.0 * turned, [*LEFT, *RIGHT], turned)
-    log = read_log(path, robot_of(unit="rad"))
-    assert log.tracks.left_wheels[110] == pytest.approx([1.8, 1.0])
-    assert log.tracks.speeds[110] == pytest.approx([1.4, 1.025])
-    assert len(notes_of(log)) == 1
 
 
 def test_columns_of_wheels_too(tmp_path: Path) -> None:

@@ -32,16 +32,14 @@ def test_what_is_set_is_not_remarked_on(changes: dict[str, object], words: list[
     assert all(word in text for word, text in zip(words, found, strict=True))
 
 
+@pytest.mark.parametrize(
+    ("robot", "truth"), [(MINE, "kinematic"), (load_robot("auriga-alpha"), "friction")]
+)
+def test_only_where_friction_moves_a_robot_whose_file_lacks_it(robot: Robot, truth: str) -> None:
+    assert robot_remarks(robot, truth) == []
+
+
 def test_the_value_that_is_proposed_leaves_no_remark() -> None:
     (_, track) = robot_remarks(MINE, "friction")
     proposed = float(track.partition("set eta0 = ")[2].split()[0])
     assert len(robot_remarks(changed_robot(MINE, {"indices.eta0": proposed}), "friction")) == 1
-
-
-@pytest.mark.parametrize("robot", [MINE, load_robot("husky")])
-def test_only_where_friction_moves_the_robot(robot: Robot) -> None:
-    assert robot_remarks(robot, "kinematic") == []
-
-
-def test_the_published_robot_has_all() -> None:
-    assert robot_remarks(load_robot("auriga-alpha"), "friction") == []

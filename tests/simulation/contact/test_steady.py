@@ -107,9 +107,8 @@ ALPHA = load_robot("auriga-alpha")
 
 def test_epsilon_F_is_what_the_contact_loses_uphill() -> None:
     """A robot without height or offsets, slowly turning uphill."""
-    vehicle = msgspec.structs.replace(
-        ALPHA.vehicle, centre_of_mass=(0.0, 0.0, 0.01), contact_points=40
-    )
+    changes = {"centre_of_mass": (0.0, 0.0, 0.01), "contact_points": 40}
+    vehicle = msgspec.structs.replace(ALPHA.vehicle, **changes)
     soil = msgspec.structs.replace(ALPHA.soil, rolling_resistance=0.0)
     robot = msgspec.structs.replace(ALPHA, vehicle=vehicle, soil=soil)
     contact, (left, right) = contact_of(robot), (0.10, 0.18)

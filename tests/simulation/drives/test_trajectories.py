@@ -7,15 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from icreckon import SimulationError, TrackSpeedSeries, load_robot
+from icreckon.simulation.drives import trajectories
 from icreckon.simulation.drives.drives import TRAJECTORIES, arcs, figure_eight, spin
 from icreckon.simulation.drives.recorded import read_recording
 from icreckon.simulation.drives.smooth_speeds import ACCELERATION, STANDSTILL, blend_duration
-from icreckon.simulation.drives.trajectories import (
-    RECORDED,
-    check_trajectory,
-    make_trajectory,
-    trajectory_options,
-)
+from icreckon.simulation.drives.trajectories import RECORDED, make_trajectory, trajectory_options
 
 ALPHA = load_robot("auriga-alpha")
 
@@ -173,7 +169,7 @@ def test_arcs_have_radii_of_their_range_to_both_sides():
 )
 def test_bad_options_are_refused_in_one_line(name, options, message):
     with pytest.raises(SimulationError) as caught:
-        check_trajectory(name, options)
+        trajectories.check_trajectory(name, options)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -238,10 +234,7 @@ def test_a_recording_is_read_from_csv(tmp_path):
         ("t;left;right\n0;0;0\n", "has semicolons between its columns; write commas"),
         ("t,left,right\n0,0,0\n", "needs at least 2 samples, found 1"),
         ("t,left,right\n0,0,0\n1,0,fast\n", "row 2: could not convert string to float: 'fast'"),
-        (
-            "t,left,right\n1700000000000000000,0,0\n1700000100000000000,0,0\n",
-            "t spans 1e+11 s, 1.16e+06 days; is it in seconds?",
-        ),
+        ("t,left,right\n1700000000000000000,0,0\n1700000100000000000,0,0\n", "is it in seconds?"),
         ("t,left,right\n0,0,0\n1,0,0\n1,0,0\n", "found 1 s and then 1 s in row 3; sort"),
     ],
 )

@@ -32,44 +32,19 @@ def made(twist: PaperTwist, V_l: np.ndarray, V_r: np.ndarray) -> DynamicMap:
     return map_of(motion, VEHICLE)
 
 
-def test_mean_icrs_of_the_identified_soil(mapped):
-    assert tuple(
-        getattr(read_means(mapped, PLAIN), name) for name in ("x_ICRl", "x_ICRr", "y_ICR")
-    ) == (pytest.approx((-0.455, 0.657, 0.0481), rel=5e-3))
-
-
-def test_parameters_of_the_identified_soil(mapped):
+def test_figures_of_the_identified_soil(mapped):
     # The identification's friction and height are known to two digits: half a unit of the last one
     # moves eta2 by 3 %, epsilon1 and eta1 by 2 %, the others by less than 1 %.
-    fitted = read_parameters(mapped, PLAIN)
-    assert fitted.zeta0 == pytest.approx(0.0481, rel=5e-3)
-    assert fitted.zeta1 == pytest.approx(2.39e-4, rel=5e-3)
-    assert fitted.epsilon0 == pytest.approx(0.086, rel=5e-3)
-    assert fitted.epsilon1 == pytest.approx(8.5e-4, rel=0.02)
-    assert fitted.eta0 == pytest.approx(2.49, rel=5e-3)
-    assert fitted.eta1 == pytest.approx(1.77e-3, rel=0.025)
+    icrs, fitted = read_means(mapped, PLAIN), read_parameters(mapped, PLAIN)
+    means = icrs.x_ICRl, icrs.x_ICRr, icrs.y_ICR
+    assert means == pytest.approx((-0.455, 0.657, 0.0481), rel=5e-3)
+    found = fitted.zeta0, fitted.zeta1, fitted.epsilon0, fitted.eta0
+    assert found == pytest.approx((0.0481, 2.39e-4, 0.086, 2.49), rel=5e-3)
+    assert (fitted.epsilon1, fitted.eta1) == pytest.approx((8.5e-4, 1.77e-3), rel=0.025)
     assert fitted.eta2 == pytest.approx(2.4e-5, rel=0.05)
-
-
-def test_errors_of_the_identified_soil(mapped):
-    parameters, icrs = read_parameters(mapped, PLAIN), read_means(mapped, PLAIN)
-    errors = read_errors(mapped, parameters, icrs, PLAIN)
+    errors = read_errors(mapped, fitted, icrs, PLAIN)
     assert errors.inertia_based == pytest.approx((0.0034, 0.046, 0.051), rel=0.02)
     assert errors.constant == pytest.approx((0.017, 0.077, 0.110), rel=0.02)
-
-
-def test_largest_steering_efficiency_is_that_of_figure_7(mapped):
-    assert np.nanmax(mapped.indices.eta) == pytest.approx(4.15, rel=0.02)
-
-
-def test_straight_motions_have_inertia_but_no_icrs(mapped):
-    straight = mapped.motion.V_l == mapped.motion.V_r
-    assert (straight == ~mapped.turning).all()
-    assert np.isnan(mapped.icrs.x_ICRl[straight]).all()
-    assert np.isfinite(mapped.indices.eta[mapped.turning]).all()
-    assert np.isfinite(mapped.magnitude).all()
-    np.testing.assert_allclose(mapped.magnitude[straight], 0.0, atol=1e-9)
-    assert mapped.magnitude.shape == (21, 21)
 
 
 def test_the_line_of_least_inertia_goes_through_on_spot_turns(mapped):
@@ -81,9 +56,6 @@ def test_the_line_of_least_inertia_goes_through_on_spot_turns(mapped):
 
 
 def test_the_reading_chooses_what_enters(mapped):
-    apart = Reading(least_difference=0.55)
-    assert read_means(mapped, apart) != read_means(mapped, PLAIN)
-    assert read_parameters(mapped, apart) != read_parameters(mapped, PLAIN)
     with pytest.raises(SimulationError, match="none of the motions turns"):
         read_means(mapped, Reading(least_difference=3.0))
     with pytest.raises(SimulationError, match="do not show all parameters"):

@@ -1,6 +1,5 @@
 """Engines of studies give the same statistics of the same runs."""
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -12,6 +11,7 @@ from icreckon.simulation.running.engines import choose_engine
 from icreckon.simulation.study.cells import Plan, expand
 
 VARIANTS = ("constant-online", "inertia-online")
+POOR = EncoderSpec(resolution=0.002, dropouts_per_hour=300.0)
 
 
 def plan_of(variants=VARIANTS, **changes: object) -> Plan:
@@ -32,21 +32,16 @@ def plan_of(variants=VARIANTS, **changes: object) -> Plan:
     [
         {},
         thorough({"fix_rate": 0.0, "outages": ()}),
-        {"fixes": {"heading_sigma": 0.02, "outlier_share": 0.2}, "fix_rate": 3.0},
-        {"encoders": {"resolution": 0.002, "dropouts_per_hour": 300.0}, "trajectory": "aggressive"},
-        {"terrain": {"rolling_deg": 5.0, "wavelength": 10.0, "slope_deg": 2.0}},
+        {"fixes": FixSpec(heading_sigma=0.02, outlier_share=0.2), "fix_rate": 3.0},
+        {"encoders": POOR, "trajectory": "aggressive"},
+        {"terrain": Terrain(rolling_deg=5.0, wavelength=10.0, slope_deg=2.0)},
     ],
     ids=["outage", "no fixes", "between samples", "poor encoders", "rolling ground"],
 )
 def test_side_by_side_and_one_after_the_other_come_to_the_same(changes: dict[str, object]) -> None:
     # The lanes of each variant are compared in test_agreement.py, so one will do here.
     variants = ("constant-online",) if changes else VARIANTS
-    kinds = {"fixes": FixSpec, "encoders": EncoderSpec, "terrain": Terrain}
-    made = {
-        key: msgspec.convert(value, kinds[key]) if key in kinds else value
-        for key, value in changes.items()
-    }
-    cell = plan_of(variants, **made).cells[0]
+    cell = plan_of(variants, **changes).cells[0]
     # The last of eleven runs, and some of the others, are in a group that is not full.
     side_by_side = study_batch.block(cell, cell.filters, 0, 11)
     streamed = study_streaming.block(cell, cell.filters, 9, 2)

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from icreckon import EncoderSpec, FixSpec, Indices, InertialSpec, SimulationError, Slip, load_robot
+from icreckon.estimator.base.frames import rotate
 from icreckon.simulation.base.sampling import EPOCH, sample_times, to_stamps
 from icreckon.simulation.drives.trajectories import make_trajectory
 from icreckon.simulation.sensors.encoders import DROPOUT_READINGS, STANDING, EncoderErrors
@@ -107,23 +108,14 @@ def test_sideways_mounting_is_undone_by_the_rotation_of_the_robot_file():
 def test_forces_are_the_second_derivative_of_the_imu_s_path():
     command = make_trajectory("slalom", 20.0, ALPHA, rng())
     motion = EXACT.run(command, 20.0, ALPHA, rng(), rate=1000.0)
-    place, step = np.array([0.3, -0.2]), 0.01
-    times = np.arange(4.0, 19.0, 0.25)
+    times, step = np.arange(4.0, 19.0, 0.25), 0.01
 
     def path(at):
-        x, y, yaw = motion.poses_at(at).T
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        return np.stack(
-            [x + cos * place[0] - sin * place[1], y + sin * place[0] + cos * place[1]], axis=-1
-        )
+        poses = motion.poses_at(at)
+        return poses[:, :2] + rotate(np.tile([0.3, -0.2], (len(at), 1)), poses[:, 2])
 
     in_odom = (path(times + step) - 2.0 * path(times) + path(times - step)) / step**2
-    yaw = motion.poses_at(times)[:, 2]
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    expected = np.stack(
-        [cos * in_odom[:, 0] + sin * in_odom[:, 1], cos * in_odom[:, 1] - sin * in_odom[:, 0]],
-        axis=-1,
-    )
+    expected = rotate(in_odom, -motion.poses_at(times)[:, 2])
     forces = specific_forces(motion, times, 0.01, (0.3, -0.2, 0.0))
     assert np.allclose(forces[:, :2], expected, atol=1e-3)
 
@@ -172,20 +164,6 @@ def test_a_figure_left_out_is_the_preset_s_and_then_the_robot_file_s():
     assert (errors.scale_sigma, errors.bias_walk) == (0.01, 1.0)
     assert errors.noise_density == consumer.gyro.noise_density
     assert fix_errors(FixSpec(latency=0.1), NOMINAL) == FixErrors(latency=0.1)
-
-
-def test_perfect_sensors_have_no_error_but_those_that_are_asked_for():
-    perfect = noise_preset("perfect")
-    unsure = msgspec.structs.replace(
-        mounted(gyro_scale_sigma=0.02),
-        tracks=msgspec.structs.replace(ALPHA.tracks, scale_sigma=0.1),
-    )
-    assert encoder_errors(unsure, EncoderSpec(), perfect) == EncoderErrors()
-    assert gyro_errors(unsure, InertialSpec(), perfect) == InertialErrors()
-    assert accelerometer_errors(unsure, InertialSpec(), perfect) == InertialErrors()
-    assert fix_errors(FixSpec(), perfect) == FixErrors(sigma=0.0)
-    counting = EncoderSpec(resolution=1e-3)
-    assert encoder_errors(unsure, counting, perfect) == EncoderErrors(resolution=1e-3)
 
 
 def test_the_factor_is_on_errors_and_not_on_times_and_shares():

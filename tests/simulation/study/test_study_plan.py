@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from icreckon import FixSpec, FixWander, IcreckonError, Terrain, load_robot, simulate
+from icreckon import FixSpec, FixWander, IcreckonError, Study, Sweep, Terrain, load_robot, simulate
 from icreckon.report.study.folder import PAGE
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.engines import choose_engine
@@ -16,19 +16,14 @@ from icreckon.simulation.running.store import MANIFEST, RESULTS
 from icreckon.simulation.running.streaming_engine import block, study_log
 from icreckon.simulation.scenario import Scenario, change_scenario
 from icreckon.simulation.study.cells import expand
-from icreckon.simulation.study.plan import (
-    FilterSpec,
-    LatinHypercube,
-    Study,
-    Sweep,
-    load_study,
-    study_names,
-)
+from icreckon.simulation.study.plan import FilterSpec, LatinHypercube, load_study, study_names
 from icreckon.simulation.study.statistics import statistics
 from icreckon.simulation.study.summary import COLUMNS
 from readme import ROOT, code_blocks
 
 SHORT = Scenario(duration=10.0)
+NOISE = {"noise": ["nominal"]}
+MILLION = {"fix_rate": list(range(1000)), "duration": [1.0 + 1e-3 * n for n in range(1000)]}
 
 
 def expanded(**more):
@@ -127,35 +122,21 @@ def test_true_motions_are_as_many_as_runs_but_at_most_twenty_unless_told():
         ({"scenario": Scenario(seed=4)}, "no seed of its own"),
         ({"scenario": Scenario(include_truth=False)}, "leave out include_truth"),
         ({"robot_changes": {"vehicle": {"mas": 1.0}}}, "did you mean 'mass'"),
+        ({"sweep": {}}, "nothing is swept"),
+        ({"sweep": {"grid": {"fix_rate": []}}}, "needs a list of values"),
+        ({"sweep": {"grid": {"fix_rate": [1.0, 1.0]}}}, "a value twice"),
+        ({"sweep": {"grid": {"fix_rat": [1.0]}}}, "did you mean 'fix_rate'"),
+        ({"sweep": {"grid": {"filter.vehicle.mas": [1.0]}}}, "did you mean 'mass'"),
+        ({"sweep": {"grid": {"outage": [11.0]}}}, "from 0 to the duration"),
+        ({"sweep": {"grid": NOISE, "cases": {"a": {"x": {"noise": "nominal"}}}}}, "twice"),
+        ({"sweep": {"latin": {"points": 3, "ranges": {"fix_rate": [2.0, 1.0]}}}}, "is larger"),
+        ({"sweep": {"latin": {"points": 3, "ranges": {"fix_rate": [1, 2, "lag"]}}}}, "'log'"),
+        ({"sweep": {"grid": MILLION}}, "more than 100000"),
     ],
 )
 def test_what_a_study_may_not_say(wrong, told):
     with pytest.raises(IcreckonError, match=told):
         expanded(**wrong)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "told"),
-    [
-        ({}, "nothing is swept"),
-        ({"grid": {"fix_rate": []}}, "needs a list of values"),
-        ({"grid": {"fix_rate": [1.0, 1.0]}}, "a value twice"),
-        ({"grid": {"fix_rat": [1.0]}}, "did you mean 'fix_rate'"),
-        ({"grid": {"filter.vehicle.mas": [1.0]}}, "did you mean 'mass'"),
-        ({"grid": {"outage": [11.0]}}, "from 0 to the duration"),
-        ({"cases": {"a": {"x": {"noise": "nominal"}}}, "grid": {"noise": ["nominal"]}}, "twice"),
-        ({"latin": {"points": 3, "ranges": {"fix_rate": [2.0, 1.0]}}}, "second is larger"),
-        ({"latin": {"points": 3, "ranges": {"fix_rate": [1.0, 2.0, "lag"]}}}, "did you mean 'log'"),
-    ],
-)
-def test_what_a_sweep_may_not_say(wrong, told):
-    with pytest.raises(IcreckonError, match=told):
-        expanded(sweep=wrong)
-
-
-def test_a_slip_of_the_pen_does_not_make_a_million_cells():
-    with pytest.raises(SimulationError, match="more than 100000"):
-        swept(fix_rate=list(range(1000)), duration=[1.0 + 1e-3 * n for n in range(1000)])
 
 
 def test_a_file_is_read_with_paths_beside_it(tmp_path):
@@ -203,16 +184,17 @@ def test_a_study_that_is_not_there_is_refused_with_the_nearest():
 def test_the_first_runs_are_those_of_simulate_and_later_ones_share_their_motion():
     study = Study(name="a", scenario=SHORT, seed=5, runs=6, truths=2, variants=("differential",))
     cell = expand(study).cells[0]
+
+    def values(log):
+        one, other = log.tracks, log.truth
+        yield from (one.stamps, one.speeds, other.twists.stamps, other.poses.poses)
+        yield from (log.imu.angular_velocity, log.imu.linear_acceleration, log.fixes.poses)
+
     for run in (0, 1):
         made, log = simulate(cell.scenario, cell.robot, run_index=run), study_log(cell, run)
         assert made.name == log.name
-        for a, b in ((made.tracks, log.tracks), (made.truth.twists, log.truth.twists)):
-            assert np.array_equal(a.stamps, b.stamps)
-        assert np.array_equal(made.tracks.speeds, log.tracks.speeds)
-        assert np.array_equal(made.imu.angular_velocity, log.imu.angular_velocity)
-        assert np.array_equal(made.imu.linear_acceleration, log.imu.linear_acceleration)
-        assert np.array_equal(made.fixes.poses, log.fixes.poses, equal_nan=True)
-        assert np.array_equal(made.truth.poses.poses, log.truth.poses.poses)
+        for a, b in zip(values(made), values(log), strict=True):
+            assert np.array_equal(a, b, equal_nan=True)
     first, third = study_log(cell, 0), study_log(cell, 2)
     assert np.array_equal(first.truth.poses.poses, third.truth.poses.poses)
     assert not np.array_equal(first.tracks.speeds[200:], third.tracks.speeds[200:])
@@ -289,9 +271,8 @@ def test_a_switch_gives_filters_the_noise_that_is_swept() -> None:
     for knows in (False, True):
         study = Study(name="told", sweep=sweep, filters_know_noise=knows)
         sigmas = [cell.filters[0].robot.imu.gyro_bias_sigma for cell in expand(study).cells]
-        assert sigmas == (
-            [1.7e-2, 5e-5] if knows else [load_robot("auriga-alpha").imu.gyro_bias_sigma] * 2
-        )
+        of_file = load_robot("auriga-alpha").imu.gyro_bias_sigma
+        assert sigmas == ([1.7e-2, 5e-5] if knows else [of_file] * 2)
     own = Sweep(grid={"noise": ["consumer"], "filter.imu.gyro_bias_sigma": [0.1]})
     (cell,) = expand(Study(name="told", sweep=own, filters_know_noise=True)).cells
     assert cell.filters[0].robot.imu.gyro_bias_sigma == 0.1

@@ -111,9 +111,8 @@ def test_the_vehicle_stays_on_the_ground() -> None:
     np.testing.assert_allclose(ridden.heights, ground - ground[0], atol=1e-5)
     # Its z axis is the normal.
     rotations = Rotation.from_euler("ZYX", ridden.attitudes_at(sample_times(30.0, 10.0))[:, ::-1])
-    slopes = np.array(
-        [gradient(surface, x, y) for x, y, _ in ridden.poses_at(sample_times(30.0, 10.0))]
-    )
+    at = ridden.poses_at(sample_times(30.0, 10.0))
+    slopes = np.array([gradient(surface, x, y) for x, y, _ in at])
     normals = np.column_stack([-slopes, np.ones(len(slopes))])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     np.testing.assert_allclose(rotations.apply([0.0, 0.0, 1.0]), normals, atol=1e-9)
@@ -232,14 +231,8 @@ def test_bad_terrain_is_refused(values: dict[str, Any], message: str) -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        (
-            {"kerb_height": 0.5},
-            r"kerb_height of the terrain must be at most 0.231 m: .* over 0.8 m",
-        ),
-        (
-            {"rolling_deg": 20.0, "wavelength": 0.5},
-            "wavelength of the terrain must be at least 3.2 m",
-        ),
+        ({"kerb_height": 0.5}, "kerb_height of the terrain must be at most 0.231 m"),
+        ({"rolling_deg": 20.0, "wavelength": 0.5}, "wavelength of the terrain must be at least"),
         ({"kerb_height": 0.1, "kerb_every": 0.5}, "kerb_every of the terrain must be at least"),
         ({"slope_deg": 25.0, "uphill_deg": 90.0}, "the vehicle tips over"),
     ],

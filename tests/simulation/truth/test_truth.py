@@ -103,14 +103,6 @@ def test_true_parameters_spread_about_those_of_the_robot_file():
     assert draw_parameters(ALPHA, 0.0, rng).as_array() == pytest.approx(own)
 
 
-def test_mean_track_speeds_add_up_to_the_distance():
-    command = make_trajectory("aggressive", 30.0, ALPHA, np.random.default_rng(0))
-    motion = run(KinematicTruth(), command, 30.0)
-    times = np.arange(0.0, 30.0 + 1e-9, 0.02)
-    means = motion.mean_track_speeds(times)
-    assert means[1:].sum(axis=0) * 0.02 == pytest.approx(motion.distances[-1])
-
-
 def test_accelerations_are_the_derivative_and_turn_with_the_axes():
     command = make_trajectory("slalom", 20.0, ALPHA, np.random.default_rng(0))
     motion = run(EXACT, command, 20.0, rate=400.0)
