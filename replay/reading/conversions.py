@@ -46,7 +46,8 @@ def imu_rows(spec: ImuTopic | ImuColumns, values: Floats) -> Floats:
     axes = len(spec.angular_velocity) or 3
     rates, forces = values[:, :axes], values[:, axes:]
     if axes == 1:
-        rates = np.column_stack([0.0 * rates, 0.0 * rates, rates])
+        none = np.where(np.isnan(rates), rates, 0.0)
+        rates = np.column_stack([none, none, rates])
     if not forces.shape[1]:
         forces = np.full((len(values), 3), np.nan)
     rates, forces = rates * RATES[spec.rate_unit], forces * ACCELERATIONS[spec.acceleration_unit]
