@@ -1,4 +1,4 @@
-"""The shipped studies on a fresh machine, whose compile cache `icreckon prepare` has filled."""
+"""The commands on a fresh machine: from an empty compile cache, in the README's order, and at once."""
 
 import math
 import os
@@ -13,6 +13,17 @@ import pytest
 from command_line import results_in
 from conftest import REPOSITORY
 from icreckon.simulation.study.plan import study_names
+
+TAKE_LONGEST = tuple(
+    f"icreckon.estimator.{name}."
+    for name in (
+        "engine.lane_functions.feed_samples",
+        "engine.lane_functions.take_sample",
+        "engine.work.work_through",
+        "batch.front_end.fill_inputs",
+    )
+)
+"""Kernels that take half of the time of compiling what a replay needs."""
 
 
 def icreckon(cache: Path, folder: Path, *arguments: str) -> subprocess.Popen[str]:
@@ -80,3 +91,32 @@ def test_shipped_studies_run_through_and_compile_nothing(prepared, tmp_path):
         numbers = all_numbers(results(tmp_path / name)["overall"])
         assert len(numbers) > 100, name
         assert all(math.isfinite(number) and abs(number) < 1e9 for number in numbers), name
+
+
+@pytest.mark.slow
+@pytest.mark.thorough
+def test_replays_at_once_say_what_one_after_prepare_says(prepared, tmp_path, tmp_path_factory):
+    """Two commands that compile the same kernels at once share a cache that lacks them, and fills."""
+    shared = tmp_path_factory.mktemp("shared")
+    shutil.copytree(prepared, shared, dirs_exist_ok=True)
+    for kernel in shared.rglob("*.kernel"):
+        if not kernel.name.startswith(TAKE_LONGEST):
+            kernel.unlink()
+    before = set(shared.rglob("*.kernel"))
+    simulated = ("--duration", "60", "--fix-rate", "1", "--truth", "kinematic")
+    finished(icreckon(prepared, tmp_path, "simulate", "--out", "log", *simulated))
+    command = ("replay", "log", "--robot", "auriga-alpha", "--formats", "none")
+
+    def replay(cache: Path, out: str) -> subprocess.Popen[str]:
+        return icreckon(cache, tmp_path, *command, "--variants", "gyro", "--out", out)
+
+    finished(replay(shared, "one"), replay(shared, "other"))
+    added = {kernel.name for kernel in set(shared.rglob("*.kernel")) - before}
+    assert len(added) > 10
+    assert added <= {kernel.name for kernel in prepared.rglob("*.kernel")}
+    kernels = set(prepared.rglob("*.kernel"))
+    finished(replay(prepared, "prepared"))
+    assert set(prepared.rglob("*.kernel")) == kernels
+    expected = results(tmp_path / "prepared")["variants"]
+    for out in ("one", "other"):
+        assert results(tmp_path / out)["variants"] == expected

@@ -1,4 +1,4 @@
-"""Installations that nothing can be written to."""
+"""Two commands at once in one place, and installations that nothing can be written to."""
 
 import os
 import shutil
@@ -9,13 +9,29 @@ from pathlib import Path
 
 import pytest
 
-from command_line import MAIN
+from command_line import MAIN, results_in, started
 from conftest import REPOSITORY
-from small_robot import drive
+from small_robot import drive, write_robot
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="permissions are those of POSIX")
 
 STAMPS = [k * 10**8 for k in range(1, 60)]
+
+
+def test_two_with_one_default_output_take_two_names(tmp_path: Path) -> None:
+    drive(tmp_path / "log", STAMPS)
+    write_robot(tmp_path / "robot.toml")
+    words = ("replay", "log", "--robot", "robot.toml", "--variants", "gyro", "--formats", "none")
+    both = [started(*words, "--workers", 1, cwd=tmp_path) for _ in range(2)]
+    assert not any("Traceback" in one.communicate(timeout=240)[1] for one in both)
+    codes = [one.returncode for one in both]
+    assert set(codes) <= {0, 1}
+    done = codes.count(0)
+    folders = [one for one in tmp_path.iterdir() if (one / "results.json").is_file()]
+    assert len(folders) == done >= 1
+    assert not [one for one in tmp_path.iterdir() if one.name.startswith(".")]
+    for folder in folders:
+        assert results_in(folder)["variants"]
 
 
 @pytest.fixture

@@ -253,6 +253,19 @@ def live(ros, bag, tmp_path_factory):
     return recorded(folder / "out"), folder / "out", state
 
 
+def test_no_message_is_lost(live: Any, bag: Path) -> None:
+    messages, sent = live[0], recorded(bag)
+    for topic in INPUTS:
+        assert len(messages[topic]) == len(sent[topic])
+    imu = [stamp_of(one.header) for one in sent["/imu/data_raw"]]
+    odometry = [stamp_of(one.header) for one in messages["/odom"]]
+    assert odometry == imu
+    last = {one.name: one for one in messages["/diagnostics"][-1].status}
+    counts = {one.key: one.value for one in last["icreckon: tracks"].values}
+    assert int(counts["used"]) == len(sent["/joint_states"])
+    assert counts["late"] == "0"
+
+
 def test_odometry_is_a_run_without_fixes(live: Any, bag: Path) -> None:
     messages = live[0]
     robot = load_robot(ROBOT)
