@@ -4,10 +4,7 @@ Results are those of the streaming filter, much faster.
 """
 
 from collections.abc import Sequence
-from functools import lru_cache
-from typing import NamedTuple
 
-import msgspec
 import numpy as np
 from msgspec import msgpack
 
@@ -19,18 +16,13 @@ from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.schedule import Steps, steps_of, why_not_steps
 from icreckon.estimator.filter.samples import has_absurd_readings
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.scores import path_length
-from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.log.trajectory import Trajectory
-from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.streaming.lost import loss_kinds, reason_of
-from icreckon.simulation.base.random_streams import random_streams
 from icreckon.simulation.base.sampling import sample_times, to_stamps
 from icreckon.simulation.running import streaming_engine as study_streaming
 from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec, encoder_errors, fix_errors, noise_preset
-from icreckon.simulation.simulate import Perfect, drive, perfect, sensed
+from icreckon.simulation.sensors.specs import encoder_errors, fix_errors, noise_preset
 from icreckon.simulation.study.cells import Cell, Filter, Plan
 from icreckon.simulation.study.failures import RunScores
 from icreckon.simulation.study.statistics import (
@@ -41,9 +33,9 @@ from icreckon.simulation.study.statistics import (
     score_times,
     scored_segments,
     statistics,
+    true_ticks,
 )
 
-KEPT_TRUTHS = 160  # enough for a few concurrent blocks; cells that share them are consecutive
 # Degrees of freedom of each sensor's innovations.
 DEGREES = {"gyro": 1.0, "accelerometer_x": 1.0, "accelerometer_y": 1.0, "position": 2.0}
 
@@ -88,17 +80,16 @@ def block(
         used_lanes = min(width, count - begin)
         # The lanes of a group that is not full repeat its last run.
         runs = [first_run + begin + min(lane, used_lanes - 1) for lane in range(width)]
-        truths = [_truth(cell, run) for run in runs]
-        logs = [_log(cell, run, truth) for run, truth in zip(runs, truths, strict=True)]
+        logs = [study_streaming.study_log(cell, run) for run in runs]
         absurd = [lane for lane in range(used_lanes) if has_absurd_readings(logs[lane], slowest)]
         measured, start = _measured(logs, filters, track_stamps), np.zeros(3)
         results = work_through_runs(batch_filters, measured, steps, start=start, start_sigma=start)
-        ticks = zip(*(truth.ticks for truth in truths), strict=True)
-        true_ticks = TrueTicks(*(np.stack(of_lanes, axis=1) for of_lanes in ticks))
+        of_lanes = zip(*map(true_ticks, logs), strict=True)
+        ticks = TrueTicks(*(np.stack(arrays, axis=1) for arrays in of_lanes))
         group = slice(begin, begin + used_lanes)
         for label, batch_filter, result in zip(values, batch_filters, results, strict=True):
             path = side_by_side(truth_stamps, result)
-            errors = path_statistics(path, true_ticks, segments)
+            errors = path_statistics(path, ticks, segments)
             rows = np.stack([*errors, *_consistency(batch_filter, result)], axis=-1)
             values[label][group] = rows[:used_lanes]
             reasons[label][group] = _losses(path, times)[:used_lanes]
@@ -131,49 +122,6 @@ def _schedule(cell: Cell) -> tuple[Stamps, Stamps, Steps, list[Segments]]:
     begin, end = min(tracks[0], imu[0]), max(tracks[-1], imu[-1])
     segments = scored_segments(truth, cell.horizons, fixes, int(begin), int(end))
     return tracks, truth, steps, segments
-
-
-class _Truth(NamedTuple):
-    """Error-free sensor readings of one true motion, and the truth to score against."""
-
-    perfect: Perfect
-    ticks: TrueTicks
-
-
-def _truth(cell: Cell, run: int) -> _Truth:
-    """Truth of a run by its index; runs with the same true motion share it."""
-    scenario = as_sensed_perfectly(cell.scenario)
-    return _kept_truth(msgpack.encode(scenario), msgpack.encode(cell.robot), run % cell.truths)
-
-
-def as_sensed_perfectly(scenario: Scenario) -> Scenario:
-    """Scenario reduced to the keys that affect error-free sensor readings."""
-    latency = fix_errors(scenario.fixes, noise_preset(scenario.noise)).latency
-    keys = ("noise", "outages", "encoders", "gyro", "accelerometer")
-    defaults = {key: getattr(Scenario(), key) for key in keys}
-    # The latency decides which poses the fixes measure.
-    return msgspec.structs.replace(scenario, **defaults, fixes=FixSpec(latency=latency))
-
-
-@lru_cache(KEPT_TRUTHS)
-def _kept_truth(scenario_data: bytes, robot_data: bytes, truth: int) -> _Truth:
-    """Drive a true motion, by its index, of an encoded scenario and robot."""
-    scenario = msgpack.decode(scenario_data, type=Scenario)
-    robot = msgpack.decode(robot_data, type=Robot)
-    motion = drive(scenario, robot, random_streams(scenario.seed, truth))
-    ticks = score_times(scenario)
-    poses = motion.poses_at(ticks)
-    lengths = path_length(PoseSeries(to_stamps(ticks), poses))
-    of_ticks = TrueTicks(poses, motion.twists_at(ticks), lengths)
-    return _Truth(perfect(motion, scenario, robot), of_ticks)
-
-
-def _log(cell: Cell, run: int, truth: _Truth) -> Log:
-    """Log of a run without truth, with the readings of `streaming_engine.study_log`."""
-    scenario = cell.scenario
-    streams = random_streams(scenario.seed, run)
-    read = sensed(truth.perfect, scenario, cell.robot, streams)
-    return Log(name=f"run {run}", tracks=read.tracks, imu=read.imu.series, fixes=read.fixes)
 
 
 def _measured(logs: Sequence[Log], filters: Sequence[Filter], tracks: Stamps) -> list[Measured]:

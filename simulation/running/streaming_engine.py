@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import chain
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -13,6 +14,7 @@ from msgspec import msgpack
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import Truth
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import state_names
 from icreckon.estimator.streaming.lost import LostFilter, loss_of, stopped_by
@@ -22,18 +24,21 @@ from icreckon.estimator.streaming.run import Rows
 from icreckon.simulation.base.random_streams import random_streams
 from icreckon.simulation.base.sampling import to_stamps
 from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import SensorSpecs
-from icreckon.simulation.simulate import drive, perfect, sensed, truth_of
+from icreckon.simulation.sensors.specs import FixSpec, fix_errors, noise_preset
+from icreckon.simulation.simulate import Perfect, drive, perfect, sensed, truth_of
 from icreckon.simulation.study.cells import Cell, Filter
 from icreckon.simulation.study.failures import RunScores
-from icreckon.simulation.study.plan import DEFAULT_TRUTHS
 from icreckon.simulation.study.statistics import run_statistics, score_times, statistics
-from icreckon.simulation.truth.true_motion import TrueMotion
 
-KEPT_MOTIONS = 2 * DEFAULT_TRUTHS  # true motions kept in memory; cells of a sweep mostly share them
-# Keys of a scenario that do not affect the true motion.
-RATES = ("track_rate", "truth_rate", "fix_rate")
-SENSED = ("noise", *RATES, "outages", *SensorSpecs.__struct_fields__)
+# Truths kept in memory: enough for a few concurrent blocks; cells that share them are consecutive.
+KEPT_TRUTHS = 160
+SENSED = (
+    "noise",
+    "outages",
+    "encoders",
+    "gyro",
+    "accelerometer",
+)  # keys that error-free readings lack
 
 
 def block(
@@ -94,6 +99,13 @@ def _run(log: Log, chosen: Filter, times: Floats) -> Run:
     return run
 
 
+class TrueRun(NamedTuple):
+    """Error-free sensor readings of one true motion, and the truth to score against."""
+
+    perfect: Perfect
+    truth: Truth  # at `score_times`
+
+
 def study_log(cell: Cell, run_index: int) -> Log:
     """Simulated log of a run.
 
@@ -102,21 +114,21 @@ def study_log(cell: Cell, run_index: int) -> Log:
     its truth, which are those of `score_times`.
     """
     scenario, robot = cell.scenario, cell.robot
-    # Reduced to the keys that affect the true motion, and encoded: they are the key of its cache.
-    defaults = {field.name: field.default for field in msgspec.structs.fields(Scenario)}
-    driven = msgspec.structs.replace(scenario, **{name: defaults[name] for name in SENSED})
-    scenario_data, robot_data = msgpack.encode(driven), msgpack.encode(robot)
-    motion = true_motion(scenario_data, robot_data, run_index % cell.truths)
-    streams = random_streams(scenario.seed, run_index)
-    read = sensed(perfect(motion, scenario, robot), scenario, robot, streams)
-    truth = truth_of(motion, score_times(scenario))
+    # Reduced to the keys that affect error-free readings, and encoded: they are the key of the cache.
+    defaults = {key: getattr(Scenario(), key) for key in SENSED}
+    # The latency decides which poses the fixes measure.
+    latency = fix_errors(scenario.fixes, noise_preset(scenario.noise)).latency
+    driven = msgspec.structs.replace(scenario, **defaults, fixes=FixSpec(latency=latency))
+    true = _true_run(msgpack.encode(driven), msgpack.encode(robot), run_index % cell.truths)
+    read = sensed(true.perfect, scenario, robot, random_streams(scenario.seed, run_index))
     name = f"{robot.name} {scenario.trajectory} seed {scenario.seed} run {run_index}"
-    return Log(name=name, tracks=read.tracks, imu=read.imu.series, fixes=read.fixes, truth=truth)
+    return Log(name, read.tracks, read.imu.series, read.fixes, true.truth)
 
 
-@lru_cache(KEPT_MOTIONS)
-def true_motion(scenario_data: bytes, robot_data: bytes, truth_index: int) -> TrueMotion:
-    """True motion of an encoded scenario and robot."""
+@lru_cache(KEPT_TRUTHS)
+def _true_run(scenario_data: bytes, robot_data: bytes, truth_index: int) -> TrueRun:
+    """Drive a true motion, by its index, of an encoded scenario and robot."""
     scenario = msgpack.decode(scenario_data, type=Scenario)
     robot = msgpack.decode(robot_data, type=Robot)
-    return drive(scenario, robot, random_streams(scenario.seed, truth_index))
+    motion = drive(scenario, robot, random_streams(scenario.seed, truth_index))
+    return TrueRun(perfect(motion, scenario, robot), truth_of(motion, score_times(scenario)))

@@ -27,7 +27,7 @@ from icreckon.estimator.log.scores import (
     usable_segments,
     without_fixes,
 )
-from icreckon.estimator.log.series import PoseSeries
+from icreckon.estimator.log.series import PoseSeries, TwistSeries
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.simulation.base.sampling import sample_times
@@ -116,15 +116,26 @@ def scored_segments(
     return scored
 
 
+def truth_of(log: Log) -> tuple[PoseSeries, TwistSeries]:
+    """True poses and body velocities of a log; ValueError without them."""
+    if log.truth is None or log.truth.twists is None:
+        raise ValueError("there is no truth to score against")
+    return log.truth.poses, log.truth.twists
+
+
+def true_ticks(log: Log) -> TrueTicks:
+    """Truth of a run whose truth has the stamps of its estimates."""
+    poses, twists = truth_of(log)
+    return TrueTicks(poses.poses, twists.twists, path_length(poses))
+
+
 def run_statistics(run: Run, log: Log, horizons: Sequence[float]) -> Floats:
     """Statistics (n,), see `statistics`, of a run that starts at the true pose.
 
     Raises:
         ValueError: the log has no truth with twists.
     """
-    if log.truth is None or log.truth.twists is None:
-        raise ValueError("there is no truth to score against")
-    path, poses, twists = run.trajectory, log.truth.poses, log.truth.twists
+    path, (poses, twists) = run.trajectory, truth_of(log)
     stamps = shared_stamps(path, poses)
     path_rows, twist_rows = (np.searchsorted(series.stamps, stamps) for series in (path, twists))
     estimate = Trajectory(
