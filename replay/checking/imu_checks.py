@@ -34,6 +34,7 @@ FEWEST = 20  # fewest track speeds that show anything
 LEVER = 0.3  # distance of the centre of turning from the robot's centre that is usual [m]
 # Relative error of the mean specific force up to which no unit, but scale or offset explains it [-].
 OFFSET_OF_GRAVITY = 0.3
+BIAS_SIGMAS = 2.5  # offset of gravity that the file's accelerometer_bias_sigma explains, in these
 LEAST_MG = 500.0  # mean specific force from which its unit is mg rather than g [m/s²]
 OTHER_NOISE = 3.0  # factor between noise densities that is reported [-]
 FEWEST_STILL = 20  # fewest pairs of neighbouring samples at standstill that show the noise
@@ -72,7 +73,7 @@ def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
         yield Check("IMU", str(source), "no sample", problem, remedy)
 
 
-def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
+def check_gravity(log: Log, robot: Robot) -> Iterator[Check]:
     """Unit of the accelerometer, by the mean specific force."""
     imu = log.imu
     if imu is None or imu.linear_acceleration is None:
@@ -80,7 +81,8 @@ def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
     size = float(np.linalg.norm(np.nanmean(imu.linear_acceleration, axis=0)))
     measured = Measured(size, "m/s²", GRAVITY)
     check = Check("mean specific force", f"{GRAVITY} m/s²", f"{size:.4g} m/s²", measured=measured)
-    if abs(size - GRAVITY) <= WRONG_GRAVITY * GRAVITY:
+    usual = BIAS_SIGMAS * robot.imu.accelerometer_bias_sigma
+    if abs(size - GRAVITY) <= max(WRONG_GRAVITY * GRAVITY, usual):
         yield check
         return
 

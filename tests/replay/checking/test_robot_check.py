@@ -194,6 +194,12 @@ def test_signs_of_a_twist_are_those_of_its_driver(log: Log, backward, turns_alik
     assert problems(*corrected(wrong, robot)) == {}
 
 
+def test_an_offset_of_gravity_within_the_bias_of_the_file_is_no_error(log: Log) -> None:
+    biased = scaled_imu(log, forces=9.4 / 9.81)
+    assert problems(biased, with_imu(ALPHA, accelerometer_bias_sigma=0.2)) == {}
+    assert problems(biased, ALPHA) != {}
+
+
 def test_an_antenna_that_is_elsewhere_is_named() -> None:
     scenario = Scenario(duration=110.0, seed=3, fix_rate=5.0, trajectory="stop-and-go")
     log = simulate(scenario, ALPHA)
