@@ -196,7 +196,8 @@ def test_signs_of_a_twist_are_those_of_its_driver(log: Log, backward, turns_alik
 
 def test_an_offset_of_gravity_within_the_bias_of_the_file_is_no_error(log: Log) -> None:
     biased = scaled_imu(log, forces=9.4 / 9.81)
-    assert problems(biased, with_imu(ALPHA, accelerometer_bias_sigma=0.2)) == {}
+    imu = with_values(ALPHA.imu, accelerometer_bias_sigma=0.2)
+    assert problems(biased, with_values(ALPHA, imu=imu)) == {}
     assert problems(biased, ALPHA) != {}
 
 
