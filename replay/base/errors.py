@@ -31,3 +31,7 @@ OF_ROBOT_FILE = "robot file: "  # first words of the notes on a log that contrad
 def coarse_stamps(notes: Iterable[str]) -> list[str]:
     """Notes on coarse stamps, among those of a log."""
     return [note for note in notes if note.startswith(OF_STAMPS)]
+
+
+class ApartError(ReplayError):
+    """Track speeds and IMU that do not overlap in time."""

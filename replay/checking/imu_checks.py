@@ -86,19 +86,23 @@ def check_gravity(log: Log, robot: Robot) -> Iterator[Check]:
         yield check
         return
 
+    has_gravity = size > imu_mounting.NO_GRAVITY
+
     def scaled(log: Log, robot: Robot) -> tuple[Log, Robot]:
         assert log.imu is not None  # noqa: S101 - checked above
-        force = np.asarray(log.imu.linear_acceleration) * (GRAVITY / size)
+        force = np.asarray(log.imu.linear_acceleration) * (GRAVITY / size) if has_gravity else None
         return replace(log, imu=replace(log.imu, linear_acceleration=force)), robot
 
     unit = "mg" if size > LEAST_MG else "g"
     remedy = f'acceleration_unit = "{unit}" in [log.imu], where the driver publishes {unit}'
     if abs(size - GRAVITY) <= OFFSET_OF_GRAVITY * GRAVITY:
         remedy = "the accelerometer's scale or offset: calibrate it, or scale it in the driver"
+    if not has_gravity:
+        remedy = "the driver, or the columns: accelerations without gravity show no attitude"
     yield check.contradicted(
         f"the accelerometer reads {size:.4g} m/s² on average, not {GRAVITY}{unit_of_gravity(size)}",
         remedy,
-        scaled if size > 0.0 else None,
+        scaled,
     )
 
 

@@ -29,6 +29,7 @@ from icreckon.replay.checking.check import (
     Check,
     Estimate,
     Measured,
+    Settings,
     effective_track,
     from_twist,
     has_track_rates,
@@ -41,8 +42,15 @@ from icreckon.replay.checking.check import (
     with_speeds,
 )
 from icreckon.replay.inspection import imu_mounting
-from icreckon.replay.inspection.latency import objection, track_latency, without_lag
+from icreckon.replay.inspection.latency import (
+    LEAST_OFFSET,
+    clock_offset,
+    objection,
+    track_latency,
+    without_lag,
+)
 from icreckon.replay.inspection.wheels import DEGREES, jackknifed, turning_suspicion
+from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.topics import TrackTopic
 
 # Error of a scale that counts in any case, in straight windows and in bends [-]: ground and slip change
@@ -213,8 +221,21 @@ def _clear_turning(
 
 
 def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate: Floats) -> Check:
-    """Check of tracks without a clear correlation: wrong gauge, or a side reversed?"""
+    """Check of tracks without a clear correlation: another clock, gauge, or a side reversed?"""
     tracks = mapped_tracks(robot)
+    offset = clock_offset(log.tracks, imu, rate) or 0.0
+    if abs(offset) >= LEAST_OFFSET:
+        table, moved = tracks_table(robot), without_lag(log.tracks, Lag(offset, 0.0))
+        remedy, settings = f'time = "recording" in [{table}]', Settings()
+        if isinstance(tracks, TrackColumns):
+            settings = {f"{table}.clock_offset": round(tracks.clock_offset + offset, 2)}
+            remedy = f"clock_offset = {tracks.clock_offset + offset:.2f} in [{table}]"
+        return check.contradicted(
+            f"the tracks' clock is {offset:+.2f} s off the IMU's",
+            remedy,
+            lambda log, robot: (replace(log, tracks=moved), robot),
+            settings,
+        )
     if isinstance(tracks, TrackTopic) and not tracks.left:
         suspicion = turning_suspicion(log, rate, tracks.gauge or robot.vehicle.track_gauge)
         remedy = "gauge in [log.tracks], which is that of its controller, or its yaw rate"

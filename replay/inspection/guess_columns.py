@@ -16,6 +16,7 @@ from icreckon.replay.inspection.guess_topics import (
     sides,
     unit_of,
 )
+from icreckon.replay.inspection.imu_mounting import NO_GRAVITY
 from icreckon.replay.mapping.columns import (
     AngleUnit,
     ColumnMap,
@@ -87,12 +88,22 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         measured = [name for name in names if name not in true_names and not is_command(name)]
         tracks = tracks or _tracks(measured, time, table)
         # The last name of an axis counts: those of the first table come last.
-        of_imu[time] = [*_with_file(measured, table), *of_imu.get(time, [])]
+        of_imu[time] = [*_with_file(_with_gravity(measured, table), table), *of_imu.get(time, [])]
         fixes = fixes or _fixes(measured, time)
         truth = truth or _truth(true_names, time)
     imus = (_imu(names, time) for time, names in of_imu.items())
     imu = next((found for found in imus if found is not None), None)
     return None if main is None else ColumnMap(*main, tracks, imu, fixes, truth)
+
+
+def _with_gravity(names: Sequence[str], table: Table) -> list[str]:
+    """Names without those of accelerations whose mean has no gravity, as of many phones."""
+    forces = _axes(_with_file(names, table), ACCELEROMETER)
+    if len(forces) < 3:
+        return [*names]
+    mean = np.linalg.norm(np.nanmean(table.numbers(forces), axis=0))
+    bare = {name.removeprefix(f"{table.path.stem}.") for name in forces} | {*forces}
+    return [name for name in names if mean > NO_GRAVITY or name not in bare]
 
 
 def _with_file(names: Sequence[str], table: Table) -> list[str]:

@@ -20,6 +20,7 @@ STILL_MARGIN = 0.5  # time after a stop and before a start that does not count a
 ENOUGH_STILL = 2.0  # shortest standstill, less the margins, from which a bias is estimated [s]
 ABSURD = 1e6  # implausible reading of an IMU, in rad/s or m/s², or of track speeds, in rad/s
 SMOOTHING = 0.5  # time over which accelerations are averaged before they are compared [s]
+NO_GRAVITY = 0.5  # mean specific force up to which gravity has been removed, in m/s² and in g
 CLEAR_TURNING = 0.7  # smallest correlation of turning with V_r - V_l that is clear [-]
 CLEAR_SCORE = 0.4  # smallest sum of two correlations at which a yaw of the mount is accepted [-]
 
@@ -56,7 +57,7 @@ def estimate_mounting(log: Log) -> Mounting | None:
     force = None if forces is None else forces.mean(axis=0)
     # Upward direction in the IMU's axes.
     up, shown_by = force, "gravity"
-    if up is None or not up.any():
+    if up is None or np.linalg.norm(up) < NO_GRAVITY:
         up, shown_by = turning_axis(log.tracks, imu), "turning"
     if up is None:
         up, shown_by = np.array([0.0, 0.0, 1.0]), ""

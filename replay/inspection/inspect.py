@@ -1,7 +1,7 @@
 """Inspection of a log, topic by topic, with a proposed robot file."""
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as with_changed
@@ -25,18 +25,25 @@ from icreckon.replay.bags.bag_files import over_bag
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.bags.message_types import JOINT_STATE
 from icreckon.replay.bags.table_files import is_table
-from icreckon.replay.base.errors import EqualStampsError, ReplayError, coarse_stamps
+from icreckon.replay.base.errors import ApartError, EqualStampsError, ReplayError, coarse_stamps
 from icreckon.replay.inspection import imu_mounting, robot_file, static_frames, topic_survey, wheels
 from icreckon.replay.inspection import track_by_rate as by_rate
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, antenna_place, estimate_wander
 from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of
 from icreckon.replay.inspection.guess_topics import guess_topics, may_be_a_side, other_positions
 from icreckon.replay.inspection.gyro_bias import LEAST_BY_TRACKS, SURE, gyro_bias
-from icreckon.replay.inspection.latency import objection, track_latency, truth_lag, without_lag
+from icreckon.replay.inspection.latency import (
+    LEAST_OFFSET,
+    clock_offset,
+    objection,
+    track_latency,
+    truth_lag,
+    without_lag,
+)
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
-from icreckon.replay.reading.gather import as_paths, first_path, gather
+from icreckon.replay.reading.gather import Gathered, as_paths, first_path, gather
 from icreckon.replay.reading.tables import Table
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
@@ -185,8 +192,14 @@ def _estimates(
     try:
         gathered = read(mapping)
         clocks = choose_clocks(evidence_of(gathered.streams))
-        log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
+        try:
+            log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
+        except ApartError:
+            mapping = _on_one_clock(mapping, read)
+            log = assemble(read(mapping), UNITS_OF_RADIUS, paths[0].stem)
         in_units = _with_units(mapping, log, notes)
+        if not _turn_alike(log):
+            in_units = _on_one_clock(in_units, read)
         if in_units is not mapping:
             mapping = in_units
             log = assemble(read(mapping), UNITS_OF_RADIUS, paths[0].stem)
@@ -224,6 +237,36 @@ def _estimates(
         bias=None if vertical is None else gyro_bias(aligned, vertical),
         wander=wander,
         antenna=antenna,
+    )
+
+
+def _turn_alike(log: Log) -> bool:
+    """Test whether tracks and gyro clearly turn alike, or opposite; True without them."""
+    mounting, _ = _mounting_and_vertical(log, None)
+    correlation = None if mounting is None else mounting.turning_correlation
+    return correlation is None or abs(correlation) > imu_mounting.CLEAR_TURNING
+
+
+def _on_one_clock(mapping: TopicMap, read: Callable[[TopicMap], Gathered]) -> TopicMap:
+    """Mapping with the offset of the tracks' clock, of tables in which it is clear."""
+    columns = mapping.columns
+    if columns is None or columns.tracks is None:
+        return mapping
+    logs = []
+    for purpose in ("tracks", "imu"):
+        gathered = read(mapping)
+        alone = {name: one for name, one in gathered.streams.items() if name == purpose}
+        logs.append(assemble(with_changed(gathered, streams=alone), UNITS_OF_RADIUS, ""))
+    tracks, imu = logs[0].tracks, logs[1].imu
+    _, vertical = _mounting_and_vertical(logs[1], None)
+    if imu is None or vertical is None or not imu_mounting.are_usable(tracks):
+        return mapping
+    offset = clock_offset(tracks, imu, vertical) or 0.0
+    if abs(offset) < LEAST_OFFSET:
+        return mapping
+    by = round(columns.tracks.clock_offset + offset, 2)
+    return replace(
+        mapping, columns=replace(columns, tracks=replace(columns.tracks, clock_offset=by))
     )
 
 
@@ -417,6 +460,8 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
         if fault is not None:
             yield f"truth: headings {fault}: a replay scores positions alone"
     yield from (note for note in log.notes if any(words in note for words in OF_THE_FILE))
+    if mapping.columns and (tracks := mapping.columns.tracks) and tracks.clock_offset:
+        yield f"tracks: their clock is {tracks.clock_offset:+.2f} s off the IMU's, by yaw rates"
     for purpose, latency in estimates.latencies.items():
         yield _lag_finding(purpose, latency, by_yaw_rate=purpose != "truth" or fault is None)
     if mapping.lacks_counts_per_turn:

@@ -1,4 +1,4 @@
-"""Latency of track speeds and truth against the gyro, and whether to propose it.
+"""Latency of track speeds and truth against the gyro, and clocks that are apart.
 
 Drivers report a speed that was averaged, filtered or sampled earlier, and loggers repeat it until the
 next one. A latency of 0.2 s at a start or stop is an error of 0.2 s of driving, which exceeds the effect
@@ -8,7 +8,9 @@ of slip in that time. The estimate needs neither truth nor fixes.
 from dataclasses import replace
 from typing import TypeVar
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import BEYOND
 from icreckon.estimator.log.lag import (
     LEAST_TURN,
@@ -21,11 +23,21 @@ from icreckon.estimator.log.lag import (
     turned,
     turned_in_steps,
 )
-from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
+from icreckon.estimator.log.series import (
+    ImuSeries,
+    PoseSeries,
+    TrackSpeedSeries,
+    Truth,
+    running_integral,
+)
 
 _Series = TypeVar("_Series", TrackSpeedSeries, PoseSeries)
 
 LEAST_LATENCY = 0.03  # smallest size of a latency that is proposed [s]
+LEAST_OFFSET = 1.0  # least offset of a clock; less is a latency [s]
+STEP, LEAST_OVERLAP = 0.1, 60.0  # time between yaw rates that are compared, and least overlap [s]
+CLEAR, NEXT, APART = 0.7, 0.8, 5.0
+"""Least correlation at which clocks fit, its largest share at other offsets, how far these are [s]."""
 
 
 def objection(latency: Lag) -> str:
@@ -57,3 +69,46 @@ def truth_lag(truth: Truth, tracks: TrackSpeedSeries, imu: ImuSeries, rate: Floa
     if not len(tracks.stamps):
         return NoLag("there are neither headings nor track speeds")
     return find_lag(places_of(truth.poses), places_of(plain_path(tracks, imu, rate)))
+
+
+def clock_offset(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> float | None:
+    """Time by which the clock of the tracks is ahead of the IMU's, by yaw rates [s].
+
+    Any offset is tried at which both overlap for a minute and half of the shorter. None if none is clear.
+    """
+    from scipy.signal import correlate
+
+    if min(len(tracks.stamps), len(imu.stamps)) < 2:
+        return None
+    by_tracks, by_gyro = (
+        _even_rates(stamps, rates)
+        for stamps, rates in ((tracks.stamps, tracks.difference), (imu.stamps, vertical))
+    )
+    shifts = np.arange(1 - len(by_tracks), len(by_gyro))
+    first, last = np.maximum(0, -shifts), np.minimum(len(by_tracks), len(by_gyro) - shifts)
+    shorter = STEP * min(len(by_tracks), len(by_gyro))
+    overlaps = STEP * (last - first) >= max(LEAST_OVERLAP, 0.5 * shorter)
+    squares = [np.concatenate([[0.0], np.cumsum(rates**2)]) for rates in (by_tracks, by_gyro)]
+    energy = squares[0][last] - squares[0][first]
+    energy *= squares[1][(last + shifts)] - squares[1][(first + shifts)]
+    products = correlate(by_gyro, by_tracks, "full", "fft")
+    correlation = np.where(overlaps & (energy > 0.0), products, 0.0)
+    correlation /= np.sqrt(np.maximum(energy, 1e-12))
+    best = int(np.argmax(np.abs(correlation)))
+    others = np.abs(correlation)[np.abs(shifts - shifts[best]) * STEP > APART]
+    size = float(np.abs(correlation[best]))
+    if size < CLEAR or others.max(initial=0.0) > NEXT * size:
+        return None
+    apart = int(tracks.stamps[0]) - int(imu.stamps[0])
+    coarse = apart * NANOSECOND - STEP * float(shifts[best])
+    shifted = replace(tracks, stamps=tracks.stamps - round(coarse / NANOSECOND))
+    rest = track_latency(shifted, imu, vertical)
+    return coarse + (rest.seconds if isinstance(rest, Lag) else 0.0)
+
+
+def _even_rates(stamps: Stamps, rates: Floats) -> Floats:
+    """Means of a rate (n,) over steps of `STEP`, less their mean."""
+    seconds = (stamps - stamps[0]) * NANOSECOND
+    angle = np.interp(np.arange(0.0, seconds[-1], STEP), seconds, running_integral(stamps, rates))
+    means = np.diff(angle) / STEP
+    return np.asarray(means - means.mean())

@@ -405,9 +405,10 @@ def _column_lines(columns: ColumnMap, track_latency: list[str], wander: list[str
         omitted |= set() if getattr(stream, "yaw", "") else {"yaw_unit"}
         for name in stream.__struct_fields__:
             value = getattr(stream, name)
-            if name in omitted or value in (None, (), "", (0.0, 0.0)):
+            if name in omitted or value in (None, (), "", 0.0, (0.0, 0.0)):
                 continue
             text = "nan" if name == "counts_per_turn" else toml_value(value)
+            text = repr(value) if name == "clock_offset" else text  # all of its digits
             remark = f"    {FILL_IN}" if name in ("position_sigma", "counts_per_turn") else ""
             lines.append(f"{name} = {text}{'    # check it' if name in CHECKED else remark}")
         lines += track_latency if purpose == "tracks" else []

@@ -177,6 +177,8 @@ def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[st
 
 def unit_of_gravity(force: float) -> str:
     """Question about the likely unit of a mean specific force; empty without a guess."""
+    if force < imu_mounting.NO_GRAVITY:
+        return ": gravity has been removed, use the accelerations before that or none"
     for unit, size in (("g", 1.0), ("mg", 1000.0), ("cm/s²", 981.0), ("ft/s²", 32.2)):
         if abs(force - size) <= 0.015 * size or (unit == "g" and abs(force - size) < 0.05):
             return f"; in {unit}?"

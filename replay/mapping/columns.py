@@ -23,6 +23,7 @@ from icreckon.estimator.base.checks import (
 from icreckon.replay.mapping.geodesy import check_origin
 from icreckon.replay.mapping.track_units import COUNTER_UNITS, TrackUnit
 
+ClockOffset = Annotated[float, Bound("a time in seconds", -1e11, 1e11)]
 Wrap = Annotated[float, Bound("a positive number, 2**64 at most", 0.0, 2.0**64, beyond=True)]
 TimeUnit = Literal["s", "ms", "us", "ns"]
 AngleUnit = Literal["rad", "deg"]
@@ -93,11 +94,13 @@ class TrackColumns(TrackKeys, frozen=True, kw_only=True):
         unit: their unit.
         time: column of their time, if not the map's.
         time_unit: its unit.
+        clock_offset: time by which its clock is ahead of that of the others, subtracted [s].
     """
 
     unit: TrackUnit = "m/s"
     time: str | None = None
     time_unit: TimeUnit | None = None
+    clock_offset: ClockOffset = 0.0
 
     def __post_init__(self) -> None:
         if not (self.left and self.right):
@@ -145,10 +148,12 @@ class ImuColumns(ImuKeys, frozen=True, kw_only=True):
     Attributes:
         time: column of their time, if not the map's.
         time_unit: its unit.
+        clock_offset: time by which its clock is ahead of that of the others, subtracted [s].
     """
 
     time: str | None = None
     time_unit: TimeUnit | None = None
+    clock_offset: ClockOffset = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -226,11 +231,13 @@ class PoseColumns(PoseKeys, frozen=True, kw_only=True):
         source: name of the reference system of the truth, for reports.
         time: column of their time, if not the map's.
         time_unit: its unit.
+        clock_offset: time by which its clock is ahead of that of the others, subtracted [s].
     """
 
     source: str = ""
     time: str | None = None
     time_unit: TimeUnit | None = None
+    clock_offset: ClockOffset = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -248,6 +255,7 @@ class HeadingColumns(Bounded, frozen=True):
         offset_deg: offset added to get the direction of driving in the frame of the fixes [deg].
         time: column of its time, if not the map's.
         time_unit: its unit.
+        clock_offset: time by which its clock is ahead of that of the others, subtracted [s].
         latency: latency of the stamps, subtracted from them [s].
     """
 
@@ -258,6 +266,7 @@ class HeadingColumns(Bounded, frozen=True):
     offset_deg: Annotated[float, Bound("a number")] = 0.0
     time: str | None = None
     time_unit: TimeUnit | None = None
+    clock_offset: ClockOffset = 0.0
     latency: Latency = 0.0
 
     @property

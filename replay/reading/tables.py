@@ -272,6 +272,7 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         if not (table.has([time]) and there and (is_whole or purpose in SAMPLED)):
             continue
         stamps, timed = table.stamps(time, spec.time_unit or columns.time_unit)
+        stamps = stamps - round(spec.clock_offset / NANOSECOND)
         values = table.numbers(names)
         has_value = ~np.isnan(values).all(axis=1)
         is_kept = has_value & timed

@@ -15,7 +15,7 @@ from icreckon.estimator.log.log import Log, screen
 from icreckon.estimator.log.measurements import HeadingFix, HeightFix, Measurement
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
-from icreckon.replay.base.errors import OF_ROBOT_FILE, OF_STAMPS, ReplayError
+from icreckon.replay.base.errors import OF_ROBOT_FILE, OF_STAMPS, ApartError, ReplayError
 from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
 from icreckon.replay.mapping.topics import TrackTopic
@@ -83,6 +83,15 @@ class _Assembly:
             if not choice.by_default:
                 self.notes.append(f"{purpose} by the time of recording: {choice.reason}")
         stamps = [self._ordered(streams[purpose])[0] for purpose in OVERLAID if purpose in streams]
+        ends = [(int(times.min()), int(times.max())) for times in stamps if len(times)]
+        if len(ends) == len(OVERLAID) and max(ends)[0] > min(end for _, end in ends):
+            (first, last), (begin, end) = (np.array(pair) * NANOSECOND for pair in ends)
+            raise ApartError(
+                f"{self.gathered.source}: the tracks ({first:.1f} to {last:.1f} s) and the IMU "
+                f"({begin:.1f} to {end:.1f} s) do not overlap in time: they have two clocks. In tables, "
+                "clock_offset in [log.columns.tracks] brings them together; icreckon inspect finds it "
+                "where the robot turns"
+            )
         if sum(map(len, stamps)):
             # The rest is by clocks that are not set.
             first, last = self._part = largest_part(np.sort(np.concatenate(stamps)))

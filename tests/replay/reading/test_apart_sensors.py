@@ -1,12 +1,30 @@
 """Sensors that come apart: rates and accelerations, or both sides, in tables or topics of their own."""
 
+from dataclasses import replace as with_changed
 from pathlib import Path
 
 import numpy as np
+import pytest
+from msgspec import to_builtins
+from msgspec.structs import replace
 
 from bag_messages import SECOND, imu, joints, robot_with, write_bag
-from icreckon import ImuSample, Robot, Vehicle, inspect, read_log
+from icreckon import (
+    ImuSample,
+    ReplayError,
+    Robot,
+    Scenario,
+    Vehicle,
+    check_robot,
+    inspect,
+    load_robot,
+    read_log,
+    simulate,
+)
+from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import changed_robot
 from icreckon.replay.live.inputs import LiveInputs
+from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.topics import topic_map
 
 
@@ -23,6 +41,8 @@ def test_tables_of_one_sensor_each_are_one_log(tmp_path: Path) -> None:
         return tmp_path / name
 
     paths = [
+        # Without gravity, which shows no attitude.
+        write("Accelerometer.csv", "x,y,z", late, forces - [0.0, 0.0, 9.81]),
         write("Gyroscope.csv", "x,y,z", seconds, curves),
         write("TotalAcceleration.csv", "x,y,z", late, forces),
         write("left.csv", "left_speed", seconds[::2], 0.5 + 0.1 * curves[::2, :1]),
@@ -92,3 +112,46 @@ def test_gyros_and_accelerometers_on_two_topics_are_one_imu(tmp_path: Path) -> N
     assert [one.stamp for one in samples] == found.stamps.tolist()
     forces = [one.linear_acceleration for one in samples]
     np.testing.assert_allclose(forces, found.linear_acceleration, atol=1e-12)
+
+
+def test_a_clock_of_another_origin_is_found_by_the_yaw_rates(tmp_path: Path) -> None:
+    """As of a microcontroller that counts from its own start, beside a phone."""
+    robot = load_robot("auriga-alpha")
+    log = simulate(Scenario(duration=100.0, seed=2, fix_rate=0.0), robot)
+    since = log.imu.stamps[0]
+    rows = np.column_stack([log.imu.stamps, log.imu.angular_velocity, log.imu.linear_acceleration])
+    names = [f"{kind}_{axis}" for kind in ("gyro", "acc") for axis in "xyz"]
+    np.savetxt(
+        tmp_path / "imu.csv", rows, "%.17g", ",", header=f"time,{','.join(names)}", comments=""
+    )
+
+    def found(late: float) -> tuple[str, TrackColumns]:
+        millis = (log.tracks.stamps - since) * 1e-6 + 1000.0 * late
+        tracks = np.column_stack([millis, log.tracks.speeds])
+        path = tmp_path / f"tracks{late}.csv"
+        np.savetxt(path, tracks, "%.17g", ",", header="millis,left_speed,right_speed", comments="")
+        inspection = inspect([tmp_path / "imu.csv", path])
+        proposed = inspection.mapping.columns
+        mapped = {"log": {"columns": to_builtins(proposed)}}
+        with_it = read_log([tmp_path / "imu.csv", path], changed_robot(robot, mapped))
+        assert abs(with_it.tracks.stamps[0] - log.tracks.stamps[0]) < 0.02 * SECOND
+        without = replace(proposed, tracks=replace(proposed.tracks, clock_offset=0.0))
+        mapped = {"log": {"columns": to_builtins(without)}}
+        with pytest.raises(ReplayError, match="do not overlap in time: they have two clocks"):
+            read_log([tmp_path / "imu.csv", path], changed_robot(robot, mapped))
+        return " ".join(inspection.findings), proposed.tracks
+
+    text, tracks = found(20.0)
+    assert tracks.clock_offset == pytest.approx(20.0 - since / SECOND, abs=0.02)
+    assert "off the IMU's, by yaw rates" in text
+
+
+def test_check_names_clocks_that_are_apart() -> None:
+    robot = load_robot("auriga-alpha")
+    log = simulate(Scenario(duration=150.0, seed=2, fix_rate=0.0), robot)
+    stamps = log.tracks.stamps + 41 * SECOND
+    late = with_changed(log, tracks=TrackSpeedSeries(stamps, log.tracks.speeds))
+    (found,) = [one for one in check_robot(late, robot) if "clock" in one.problem]
+    assert "+41.00 s off" in found.problem
+    corrected, _ = found.correction(late, robot)
+    assert not [one.problem for one in check_robot(corrected, robot) if one.problem]
