@@ -221,7 +221,7 @@ def _clear_turning(
 
 
 def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate: Floats) -> Check:
-    """Check of tracks without a clear correlation: another clock, gauge, or a side reversed?"""
+    """Check of tracks without a clear correlation: clock, gauge, or a side?"""
     tracks = mapped_tracks(robot)
     offset = clock_offset(log.tracks, imu, rate) or 0.0
     if abs(offset) >= LEAST_OFFSET:

@@ -97,7 +97,7 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
 
 
 def _with_gravity(names: Sequence[str], table: Table) -> list[str]:
-    """Names without those of accelerations whose mean has no gravity, as of many phones."""
+    """Names without accelerations whose mean has no gravity, as of phones."""
     forces = _axes(_with_file(names, table), ACCELEROMETER)
     if len(forces) < 3:
         return [*names]

@@ -94,7 +94,7 @@ class TrackColumns(TrackKeys, frozen=True, kw_only=True):
         unit: their unit.
         time: column of their time, if not the map's.
         time_unit: its unit.
-        clock_offset: time by which its clock is ahead of that of the others, subtracted [s].
+        clock_offset: by which its clock is ahead of the others, subtracted [s].
     """
 
     unit: TrackUnit = "m/s"
@@ -148,7 +148,7 @@ class ImuColumns(ImuKeys, frozen=True, kw_only=True):
     Attributes:
         time: column of their time, if not the map's.
         time_unit: its unit.
-        clock_offset: time by which its clock is ahead of that of the others, subtracted [s].
+        clock_offset: by which its clock is ahead of the others, subtracted [s].
     """
 
     time: str | None = None
@@ -231,7 +231,7 @@ class PoseColumns(PoseKeys, frozen=True, kw_only=True):
         source: name of the reference system of the truth, for reports.
         time: column of their time, if not the map's.
         time_unit: its unit.
-        clock_offset: time by which its clock is ahead of that of the others, subtracted [s].
+        clock_offset: by which its clock is ahead of the others, subtracted [s].
     """
 
     source: str = ""
@@ -255,7 +255,7 @@ class HeadingColumns(Bounded, frozen=True):
         offset_deg: offset added to get the direction of driving in the frame of the fixes [deg].
         time: column of its time, if not the map's.
         time_unit: its unit.
-        clock_offset: time by which its clock is ahead of that of the others, subtracted [s].
+        clock_offset: by which its clock is ahead of the others, subtracted [s].
         latency: latency of the stamps, subtracted from them [s].
     """
 
