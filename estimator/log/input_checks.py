@@ -82,7 +82,10 @@ def add_stream(kind: type[Measurement], stream: str) -> None:
         raise EstimatorError(f"{kind.__name__}: the first field must be stamp")
     for name, wanted in _fields(kind).items():
         if wanted not in CONVERTERS:
-            raise EstimatorError(f"{kind.__name__}.{name}: cannot be {wanted}")
+            raise EstimatorError(
+                f"{kind.__name__}.{name}: cannot be {wanted}, but float, or a tuple of floats, of "
+                "three or of three by three"
+            )
     RANKS[kind] = max(rank for other, rank in RANKS.items() if other is not Mark) + 1
     STREAMS[kind] = stream
 

@@ -4,7 +4,7 @@
 a twist, linearise, gate, update, record. `register` adds a sensor that is no part of the package.
 """
 
-from typing import Any, ClassVar, Generic, Literal, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
 
@@ -213,9 +213,14 @@ def register(kind: type[M], model: FixModel[M]) -> None:
 
     Raises:
         EstimatorError: the type or the name is taken, the first field is not `stamp`, the model
-            inflates another number of states than it has components, or it has more than
-            `MOST_COMPONENTS`.
+            inflates another number of states than it has components, has more than `MOST_COMPONENTS`,
+            or predicts no `Quantity`.
     """
+    if model.predicts not in get_args(Quantity):
+        known = ", ".join(map(repr, get_args(Quantity)))
+        raise EstimatorError(
+            f"{model.name}: predicts must be one of {known}, found {model.predicts!r}"
+        )
     if len(model.inflated) != len(model.components):
         raise EstimatorError(f"{model.name}: one inflated state for each component is needed")
     if not 1 <= len(model.components) <= MOST_COMPONENTS:

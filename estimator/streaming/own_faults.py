@@ -1,5 +1,6 @@
 """Faults of users in a filter: watched, with their effects and their memory."""
 
+import logging
 import math
 from copy import deepcopy
 from typing import Any
@@ -14,6 +15,7 @@ from icreckon.estimator.filter.fault_table import Finding, Found, Inflate, OwnFa
 from icreckon.estimator.log.input_checks import Admission, as_plain
 from icreckon.estimator.log.measurements import Measurement
 
+LOGGER = logging.getLogger(__name__)
 LARGEST_SIGMA = 1e6  # largest standard deviation that `Inflate` adds
 
 
@@ -122,6 +124,7 @@ class OwnFaults:
     def _give_up(self, fault: OwnFault, problem: Exception) -> None:
         """Watch for a fault no longer, since it raised an exception; keep a finding."""
         text = f"{type(problem).__name__}: {problem}"
+        LOGGER.warning("the fault %r is not watched any more: %s", fault.name, text)
         given_up = Found("robot", f"the fault {fault.name!r} failed: {text}", effect="not watched")
         self._failed[fault.name] = fault_table.finding(fault, given_up)
         self.watched = [other for other in self.watched if other.name != fault.name]

@@ -171,12 +171,12 @@ def notes(results: Results, *, narrow: bool = False) -> list[str]:
         f"{runs} runs{shared} in each cell, paired over cells and variants; {intervals}.",
         f"Ratios are to {results['baseline']}, of means over the same runs. Final errors: "
         f"median{percentile}. NEES of the pose at the end: 3 is ideal, more is too sure.",
-        *_unknown_noise_note(results),
+        *_large_nees_note(results),
     ]
 
 
-def _unknown_noise_note(results: Results) -> list[str]:
-    """Note on a large NEES of filters without the swept noise; empty otherwise."""
+def _large_nees_note(results: Results) -> list[str]:
+    """Note on a large NEES and what may be its cause; empty without one."""
     study = results["configuration"]
     sweep = study.get("sweep") or {}
     keys = [*(sweep.get("grid") or {}), *((sweep.get("latin") or {}).get("ranges") or {})]
@@ -189,12 +189,15 @@ def _unknown_noise_note(results: Results) -> list[str]:
     variants = [scores for cell in results["cells"] for scores in cell["variants"].values()]
     nees = [scores[NEES]["mean"] for scores in variants]
     largest = max(filter(_is_finite, nees), default=0.0)
-    if study.get("filters_know_noise") or not noisy or largest < MUCH_NEES:
+    if largest < MUCH_NEES:
         return []
-    return [
-        f"{MARK}: the filters assume the noise of the robot file, whatever {', '.join(noisy)} is, and "
-        "are too sure where it is larger; `filters_know_noise = true` in the study file tells them."
-    ]
+    text = f"{MARK}: errors exceed by far what the robot file states."
+    if noisy and not study.get("filters_know_noise"):
+        text += (
+            f" The filters assume its noise, whatever {', '.join(noisy)} is: where that is larger, "
+            "`filters_know_noise = true` in the study file tells them."
+        )
+    return [f"{text} Slopes, ground and wrong parameters are causes, too."]
 
 
 def summary_tables(results: Results, *, narrow: bool = False) -> list[TextTable]:
@@ -284,7 +287,7 @@ def _variant_texts(results: Results, place: _Place, label: str, narrow: bool) ->
     errors = [_number(final_error[key]) for key in (("median",) if narrow else ("median", "p95"))]
     nees_text = _number(nees["mean"]) if narrow else _with_interval(nees, "mean")
     is_large = _is_finite(nees["mean"]) and nees["mean"] >= MUCH_NEES
-    if is_large and _unknown_noise_note(results):
+    if is_large:
         nees_text += f" {MARK}"
     return [name, with_interval(drift, "mean"), ratio, *errors, nees_text]
 
