@@ -11,6 +11,7 @@ from icreckon.estimator.log.measurements import HeadingFix, PoseFix
 from icreckon.estimator.log.scores import without_fixes
 from icreckon.estimator.log.series import FixSeries, PoseSeries, Truth
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.reading.conversions import fit_for_truth
 
 OF_FIXES = "fixes that were not used"  # source of a truth made of unused fixes
 TRUTH_FIX_PERIOD = 1.0  # period of fixes from a truth [s]
@@ -72,7 +73,9 @@ def with_truth_of_fixes(log: Log) -> Log:
     if log.truth is not None or fixes is None or len(fixes.stamps) < 2:
         return log
     headings = bool(np.isfinite(fixes.poses[:, 2]).all())
-    truth = Truth(PoseSeries(fixes.stamps, fixes.poses.copy()), None, None, OF_FIXES, headings)
+    fits = fit_for_truth(fixes.variances[:, 0])
+    places = PoseSeries(fixes.stamps[fits], fixes.poses[fits])
+    truth = Truth(places, None, None, OF_FIXES, headings)
     return replace(log, truth=truth)
 
 

@@ -35,6 +35,7 @@ ACCELERATIONS: dict[AccelerationUnit, float] = {
     "g": STANDARD_GRAVITY,
     "mg": 1e-3 * STANDARD_GRAVITY,
 }
+WORSE = 3.0  # stated sigma over the median from which a position is no truth, as of a float fix [-]
 NO_HEADING_VARIANCE = 1e3  # yaw variance [rad²] from which a fix is assumed to have no heading
 
 
@@ -167,3 +168,11 @@ def headings(rows: Floats, mapped: HeadingTopic | HeadingColumns) -> tuple[Float
     if mapped.sigma is not None:
         variances[np.isnan(variances)] = mapped.sigma**2
     return yaw, variances
+
+
+def fit_for_truth(variances: Floats) -> NDArray[np.bool_]:
+    """Mask (n,) of positions whose stated variance (n,) is not far above the median."""
+    known = np.isfinite(variances)
+    if 2 * known.sum() < len(variances) or not len(variances):
+        return np.ones(len(variances), dtype=bool)
+    return ~known | (variances <= WORSE**2 * np.median(variances[known]))

@@ -334,7 +334,10 @@ class _Assembly:
     def _truth(self, stream: Stream, streams: dict[str, Stream]) -> series.Truth | None:
         spec = self._spec(stream)
         if stream.msgtype == NAVSATFIX:
-            stamps, poses, _, _ = self._geodetic(stream, spec.origin)
+            stamps, poses, variances, _ = self._geodetic(stream, spec.origin)
+            fits = conversions.fit_for_truth(variances[:, 0])
+            stream.lose("stated sigma far above the median", int((~fits).sum()))
+            stamps, poses = stamps[fits], poses[fits]
             twists, rows = np.full_like(poses, NAN), np.empty((0, POSE_WIDTH))
         else:
             stamps, rows = self._arrays(stream, POSE_WIDTH)

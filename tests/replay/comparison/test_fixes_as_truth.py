@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from icreckon import Log, Scenario, compare, load_robot, simulate, summarise
-from icreckon.replay.comparison.fixes import OF_FIXES, parse_part
+from icreckon.replay.comparison.fixes import OF_FIXES, parse_part, with_truth_of_fixes
 
 ALPHA = load_robot("auriga-alpha")
 VARIANTS = ("gyro", "inertia-online")
@@ -47,3 +48,14 @@ def test_drift_is_about_that_against_the_truth(log: Log):
 
 def test_all_fixes_leave_nothing_to_score(log: Log):
     assert scored(replace(log.part(0.0, 20.0), truth=None), None)["truth"] is None
+
+
+def test_fixes_that_state_a_far_larger_error_are_no_truth() -> None:
+    """As of RTK without its integers for a while."""
+    log = simulate(Scenario(duration=60.0, seed=3, fix_rate=2.0), load_robot("auriga-alpha"))
+    poses, variances = log.fixes.poses.copy(), log.fixes.variances.copy()
+    poses[40:60, :2] += 0.5
+    variances[40:60, 0] = 100.0 * variances[0, 0]
+    floating = replace(log, truth=None, fixes=replace(log.fixes, poses=poses, variances=variances))
+    truth = with_truth_of_fixes(floating).truth.poses
+    assert truth.stamps.tolist() == np.delete(log.fixes.stamps, np.s_[40:60]).tolist()

@@ -182,3 +182,16 @@ def test_transforms_that_are_none_are_counted(tmp_path: Path) -> None:
     log = read_log(tf_bag(tmp_path / "bag", moving), robot_with(tracks=JOINTS, fixes=mapped))
     assert len(log.fixes.stamps) == 1
     assert log.dropped == {"fixes: tf: not finite or no rotation": 2}
+
+
+def test_a_truth_is_without_the_positions_that_state_a_far_larger_error(tmp_path: Path) -> None:
+    messages = []
+    for k in range(1, 41):
+        variance = 2.0 if 10 <= k < 20 else 0.01
+        place = (52.0 + 1e-6 * k, 13.0)
+        messages.append(("/rtk", navsatfix(k * SECOND, *place, variances=(variance, variance))))
+        messages.append(("/js", made.joints(k * SECOND, (1.0, 1.0))))
+    robot = robot_with(tracks=JOINTS, truth={"topic": "/rtk"})
+    log = read_log(made.write_bag(tmp_path / "bag", messages), robot)
+    assert log.truth.poses.stamps.tolist() == [k * SECOND for k in (*range(1, 10), *range(20, 41))]
+    assert log.dropped == {"truth: stated sigma far above the median": 10}
