@@ -12,7 +12,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.checking.check import SIGMAS, Check, Measured, in_base
-from icreckon.replay.inspection.fix_wander import antenna_place
+from icreckon.replay.inspection.fix_wander import fit_fixes
 from icreckon.replay.inspection.wheels import heading_offset
 from icreckon.replay.mapping.topics import topic_map
 
@@ -27,7 +27,7 @@ def check_antenna(log: Log, robot: Robot) -> Iterator[Check]:
     places = np.unique(fixes.lever_arms, axis=0)
     name, in_file = "place of the antenna", "; ".join(map(_metres, places))
     vertical, _ = in_base(log.imu, robot)
-    found = antenna_place(log, vertical) if len(places) == 1 else None
+    found = fit_fixes(log, vertical) if len(places) == 1 else None
     if found is None:
         if places.any():
             yield Check(name, in_file, "not seen: no three spans of 30 s with fixes and turns")

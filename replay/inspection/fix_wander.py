@@ -29,6 +29,8 @@ LEAST_WINDOWS = 2  # least number of windows
 ANTENNA_WINDOW = 30.0  # length of a window for the place of the antenna [s]
 ANTENNA_WINDOWS, ANTENNA_ROUNDS = 3, 2  # least number of these; rounds to linearise the gyro's bias
 LEAST_LEVER = 0.3  # a robot turns about a point up to this far from its middle [m]
+LEAST_LAG, LAG_OBSERVABLE = 0.15, 0.05
+"""Least lag of fixes that is not the lag of the robot behind its tracks, and largest error of one [s]."""
 ANTENNA_SIGMAS = 5.0  # standard errors from which a place differs, in two axes and few windows
 MOST_IN_WINDOW, FEWEST_IN_WINDOW = 100, 20
 """Fixes of a window that are used: no more than this, evenly thinned, and no fewer than that."""
@@ -82,6 +84,7 @@ class _Window(NamedTuple):
     seconds: Floats  # (n,) times [s]
     positions: Floats  # (n,) fixes [m]
     columns: Floats  # (n, 4) regressors: 1, path by odometry, its change by a gyro bias, heading
+    velocity: Floats  # (n,) velocity by odometry
     design: Floats  # (n, k) orthonormal regressors that span the columns
 
 
@@ -144,57 +147,101 @@ def _times_as_good(fits: dict[tuple[float, float], _Fit]) -> tuple[float, float]
     return as_good[0], as_good[-1]
 
 
-class Antenna(NamedTuple):
-    """Place of the antenna by the fixes."""
+class FixFit(NamedTuple):
+    """Place of the antenna, lag of the fixes and scale of the tracks, by the fixes."""
 
-    place: Floats  # (2,) forward and left [m]
+    place: Floats  # (2,) of the antenna, forward and left [m]
     sigma: float  # its standard error on each axis [m]
-    scatter: float  # RMS distance of fixes from odometry in a window, the place included [m]
+    scatter: float  # RMS distance of fixes from odometry in a window, all this included [m]
+    scale: float  # distance by the fixes over that of the tracks
+    scale_sigma: float  # its standard error
+    lag: float  # of the fixes behind the tracks [s]; zero if it is not observable
+    lag_sigma: float  # its standard error [s]
 
     def differs(self, place: Floats) -> bool:
-        """True if it differs from a place (2,) [m] by more than odometry explains."""
+        """True if the antenna is off a place (2,) [m] by more than odometry explains."""
         shift = float(np.hypot(*(self.place - place)))
         return shift >= max(LEAST_LEVER, ANTENNA_SIGMAS * self.sigma, 2.0 * self.scatter)
 
+    @property
+    def is_late(self) -> bool:
+        """True if the fixes clearly lag."""
+        return abs(self.lag) >= max(LEAST_LAG, ANTENNA_SIGMAS * self.lag_sigma)
 
-def antenna_place(log: Log, vertical: Floats | None) -> Antenna | None:
-    """Place of the antenna; `vertical` as in `estimate_wander`.
 
-    None if three windows do not show it: the robot has to turn.
+def fit_fixes(log: Log, vertical: Floats | None) -> FixFit | None:
+    """Fit place, lag and scale in each window; `vertical` as in `estimate_wander`.
+
+    None if three windows do not show them: the robot has to turn. A lag takes changes of speed.
     """
     if vertical is None or len(log.tracks.stamps) < 2:
         return None
-    stamps = np.zeros(0, np.int64) if log.imu is None else log.imu.stamps
-    antenna, bias = None, 0.0
+    stamps, bias = np.zeros(0, np.int64) if log.imu is None else log.imu.stamps, 0.0
+    fits: list[FixFit | None] = [None, None]
     for _ in range(ANTENNA_ROUNDS):
-        found = [
-            _fit_antenna(window)
-            for window in _cut_windows(log, stamps, vertical + bias, ANTENNA_WINDOW)
-            if window.design.shape[1] == window.columns.shape[1]
-        ]
-        if len(found) < ANTENNA_WINDOWS:
+        windows = _cut_windows(log, stamps, vertical + bias, ANTENNA_WINDOW)
+        windows = [one for one in windows if one.design.shape[1] == one.columns.shape[1]]
+        if len(windows) < ANTENNA_WINDOWS:
             return None
-        place, biases, weight, scatter = map(np.array, zip(*found, strict=True))
-        bias += float(np.median(biases))
-        mean = weight @ place / weight.sum()
-        # Errors of odometry are larger than those of the fit: the windows' spread shows them.
-        spread = np.sqrt(weight**2 @ np.abs(place - mean) ** 2 / 2.0) / weight.sum()
-        sigma = float(spread * np.sqrt(len(place) / (len(place) - 1.0)))
-        antenna = Antenna(np.array([mean.real, mean.imag]), sigma, float(np.median(scatter)))
-    return antenna
+        # Without a lag, and with one.
+        tried = [[_fit_window(one, with_lag) for one in windows] for with_lag in (False, True)]
+        bias += float(np.median([one.bias for one in tried[0]]))
+        fits = [_mean_fit(found) for found in tried]
+    without_lag, with_lag = fits
+    shows_lag = with_lag is not None and with_lag.lag_sigma < LAG_OBSERVABLE
+    return with_lag if shows_lag else without_lag
 
 
-def _fit_antenna(window: _Window) -> tuple[complex, float, float, float]:
-    """Place of the antenna [m], error of the bias [rad/s], weight, scatter [m]."""
-    scale = np.linalg.norm(window.columns, axis=0)
-    inverse = np.linalg.pinv(window.columns / scale) / scale[:, None]
-    _, by_path, by_bias, by_heading = factors = inverse @ window.positions
-    residual = window.positions - window.columns @ factors
+class _WindowFit(NamedTuple):
+    """Fit of one window, and the weights of place, scale and lag."""
+
+    place: complex  # [m]
+    scale: float
+    lag: float  # [s]
+    bias: float  # error of the gyro's bias [rad/s]
+    scatter: float  # [m]
+    weights: tuple[float, float, float]
+
+
+def _fit_window(window: _Window, with_lag: bool) -> _WindowFit:
+    columns = window.columns
+    if with_lag:
+        columns = np.column_stack([columns, window.velocity])
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+    inverse = np.linalg.pinv(columns / size) / size[:, None]
+    factors = inverse @ window.positions
+    _, by_path, by_bias, by_heading = factors[:4]
+    residual = window.positions - columns @ factors
     scatter = max(float(np.sqrt(np.mean(np.abs(residual) ** 2))), 1e-6)
-    weight = float((scatter * np.linalg.norm(inverse[3])) ** -2)
+    weights = (scatter * np.linalg.norm(inverse, axis=1)) ** -2.0
     # The angle of the path's factor is the heading of odometry.
     place = complex(by_heading * np.exp(-1j * np.angle(by_path)))
-    return place, float((by_bias / by_path).real), weight, scatter
+    lag = -float((factors[4] / by_path).real) if with_lag else 0.0
+    of_lag = float(weights[4]) * abs(by_path) ** 2 if with_lag else 1.0
+    bias = float((by_bias / by_path).real)
+    of_others = float(weights[3]), float(weights[1])
+    return _WindowFit(place, abs(by_path), lag, bias, scatter, (*of_others, of_lag))
+
+
+def _mean_fit(found: list[_WindowFit]) -> FixFit:
+    """Means over windows, and standard errors by their spread: odometry errs more."""
+    weights = np.array([one.weights for one in found])
+    values = np.array([(one.place, one.scale, one.lag) for one in found])
+    means = (weights * values).sum(axis=0) / weights.sum(axis=0)
+    spread = np.sqrt((weights**2 * np.abs(values - means) ** 2).sum(axis=0)) / weights.sum(axis=0)
+    spread *= np.sqrt(len(found) / (len(found) - 1.0))
+    place, scale, lag = means
+    scatter = float(np.median([one.scatter for one in found]))
+    of_place, of_scale, of_lag = spread.tolist()
+    return FixFit(
+        np.array([place.real, place.imag]),
+        of_place / math.sqrt(2.0),
+        scatter,
+        float(scale.real),
+        of_scale,
+        float(lag.real),
+        of_lag,
+    )
 
 
 def _cut_windows(log: Log, stamps: Stamps, vertical: Floats, length: float) -> list[_Window]:
@@ -231,12 +278,12 @@ def _cut_windows(log: Log, stamps: Stamps, vertical: Floats, length: float) -> l
         has_hole = any(_has_hole(each, origin, begin, end) for each in (stamps, log.tracks.stamps))
         if len(rows) < FEWEST_IN_WINDOW or has_hole:
             continue
-        curves = (path, bias_path, np.exp(1j * yaw))
-        at, by_bias, heading = (np.interp(times[rows], seconds, curve) for curve in curves)
+        curves = (path, bias_path, np.exp(1j * yaw), velocity)
+        at, by_bias, heading, moving = (np.interp(times[rows], seconds, curve) for curve in curves)
         # A bias turns the path about the heading at the middle of the window.
         by_bias = by_bias - 0.5j * (begin + end) * at
         columns = np.column_stack([np.ones(len(rows)), at, by_bias, heading])
-        windows.append(_Window(times[rows], positions[rows], columns, _basis(columns)))
+        windows.append(_Window(times[rows], positions[rows], columns, moving, _basis(columns)))
     return windows
 
 

@@ -1,7 +1,7 @@
 """Inspection of a log, topic by topic, with a proposed robot file."""
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as with_changed
@@ -28,22 +28,22 @@ from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import ApartError, EqualStampsError, ReplayError, coarse_stamps
 from icreckon.replay.inspection import imu_mounting, robot_file, static_frames, topic_survey, wheels
 from icreckon.replay.inspection import track_by_rate as by_rate
-from icreckon.replay.inspection.fix_wander import FixWanderEstimate, antenna_place, estimate_wander
+from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander, fit_fixes
 from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of
 from icreckon.replay.inspection.guess_topics import guess_topics, may_be_a_side, other_positions
 from icreckon.replay.inspection.gyro_bias import LEAST_BY_TRACKS, SURE, gyro_bias
 from icreckon.replay.inspection.latency import (
-    LEAST_OFFSET,
-    clock_offset,
     objection,
+    on_one_clock,
     track_latency,
     truth_lag,
+    turn_alike,
     without_lag,
 )
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
-from icreckon.replay.reading.gather import Gathered, as_paths, first_path, gather
+from icreckon.replay.reading.gather import as_paths, first_path, gather
 from icreckon.replay.reading.tables import Table
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
@@ -189,20 +189,28 @@ def _estimates(
     log: Log | None = None
     clocks: dict[str, Choice] = {}
     read = partial(gather, paths, own_mapping=False, definitions=definitions)
+
+    def assembled(mapping: TopicMap, purpose: str = "") -> Log:
+        """Log of a mapping, or one of its streams alone."""
+        gathered = read(mapping)
+        if purpose:
+            gathered.streams = {k: one for k, one in gathered.streams.items() if k == purpose}
+        return assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
+
     try:
         gathered = read(mapping)
         clocks = choose_clocks(evidence_of(gathered.streams))
         try:
             log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
         except ApartError:
-            mapping = _on_one_clock(mapping, read)
-            log = assemble(read(mapping), UNITS_OF_RADIUS, paths[0].stem)
+            mapping = on_one_clock(mapping, assembled)
+            log = assembled(mapping)
         in_units = _with_units(mapping, log, notes)
-        if not _turn_alike(log):
-            in_units = _on_one_clock(in_units, read)
+        if not turn_alike(log):
+            in_units = on_one_clock(in_units, assembled)
         if in_units is not mapping:
             mapping = in_units
-            log = assemble(read(mapping), UNITS_OF_RADIUS, paths[0].stem)
+            log = assembled(mapping)
     except EqualStampsError:
         raise
     except ReplayError as problem:
@@ -222,12 +230,14 @@ def _estimates(
     # Counts have no scale yet, by which wheels could be estimated.
     wheel_rate = None if mapping.lacks_counts_per_turn else vertical
     correlation = mounting.turning_correlation if mounting else None
-    wander = None
+    wander = fit = None
     if log.fixes is not None:
-        wander = estimate_wander(log, vertical, states_sigma=estimates.states_fix_sigma)
-    antenna = None
-    if mapping.fixes and not any(mapping.fixes.position):
-        antenna = antenna_place(aligned, vertical)
+        fit = fit_fixes(aligned, vertical)
+        in_time = log.fixes
+        if fit is not None and fit.is_late:
+            in_time = with_changed(in_time, stamps=in_time.stamps - round(fit.lag / NANOSECOND))
+        aligned = with_changed(aligned, fixes=in_time)
+        wander = estimate_wander(aligned, vertical, states_sigma=estimates.states_fix_sigma)
     return with_changed(
         estimates,
         mounting=mounting,
@@ -236,37 +246,7 @@ def _estimates(
         latencies=latencies,
         bias=None if vertical is None else gyro_bias(aligned, vertical),
         wander=wander,
-        antenna=antenna,
-    )
-
-
-def _turn_alike(log: Log) -> bool:
-    """Test whether tracks and gyro clearly turn alike, or opposite; True without them."""
-    mounting, _ = _mounting_and_vertical(log, None)
-    correlation = None if mounting is None else mounting.turning_correlation
-    return correlation is None or abs(correlation) > imu_mounting.CLEAR_TURNING
-
-
-def _on_one_clock(mapping: TopicMap, read: Callable[[TopicMap], Gathered]) -> TopicMap:
-    """Mapping with the offset of the tracks' clock, of tables in which it is clear."""
-    columns = mapping.columns
-    if columns is None or columns.tracks is None:
-        return mapping
-    logs = []
-    for purpose in ("tracks", "imu"):
-        gathered = read(mapping)
-        alone = {name: one for name, one in gathered.streams.items() if name == purpose}
-        logs.append(assemble(with_changed(gathered, streams=alone), UNITS_OF_RADIUS, ""))
-    tracks, imu = logs[0].tracks, logs[1].imu
-    _, vertical = _mounting_and_vertical(logs[1], None)
-    if imu is None or vertical is None or not imu_mounting.are_usable(tracks):
-        return mapping
-    offset = clock_offset(tracks, imu, vertical) or 0.0
-    if abs(offset) < LEAST_OFFSET:
-        return mapping
-    by = round(columns.tracks.clock_offset + offset, 2)
-    return replace(
-        mapping, columns=replace(columns, tracks=replace(columns.tracks, clock_offset=by))
+        fix_fit=fit,
     )
 
 
@@ -594,6 +574,8 @@ def _error_findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
         if refusal and abs(bias.value) > SURE * bias.sigma:
             refusal = f": below {LEAST_BY_TRACKS:g} rad/s the tracks may be it, not written"
         yield f"gyro bias: {size}, by the {bias.source}{refusal}"
+    if (fit := estimates.fix_fit) is not None and fit.is_late:
+        yield f"fixes: stamps lag the tracks by {fit.lag:.2f} s (± {fit.lag_sigma:.1g})"
     if isinstance(wander, FixWanderEstimate):
         yield f"fixes: {wander.text}"
     elif wander is not None:

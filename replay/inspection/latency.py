@@ -5,10 +5,12 @@ next one. A latency of 0.2 s at a start or stop is an error of 0.2 s of driving,
 of slip in that time. The estimate needs neither truth nor fixes.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
+from msgspec import structs
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import BEYOND
@@ -23,6 +25,7 @@ from icreckon.estimator.log.lag import (
     turned,
     turned_in_steps,
 )
+from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import (
     ImuSeries,
     PoseSeries,
@@ -30,6 +33,13 @@ from icreckon.estimator.log.series import (
     Truth,
     running_integral,
 )
+from icreckon.replay.inspection.imu_mounting import (
+    CLEAR_TURNING,
+    are_usable,
+    estimate_mounting,
+    vertical_rate,
+)
+from icreckon.replay.mapping.topics import TopicMap
 
 _Series = TypeVar("_Series", TrackSpeedSeries, PoseSeries)
 
@@ -112,3 +122,30 @@ def _even_rates(stamps: Stamps, rates: Floats) -> Floats:
     angle = np.interp(np.arange(0.0, seconds[-1], STEP), seconds, running_integral(stamps, rates))
     means = np.diff(angle) / STEP
     return np.asarray(means - means.mean())
+
+
+def turn_alike(log: Log) -> bool:
+    """Test whether tracks and gyro clearly turn alike, or opposite; True without them."""
+    mounting = estimate_mounting(log)
+    correlation = None if mounting is None else mounting.turning_correlation
+    return correlation is None or abs(correlation) > CLEAR_TURNING
+
+
+def on_one_clock(mapping: TopicMap, read: Callable[[TopicMap, str], Log]) -> TopicMap:
+    """Mapping with the offset of the tracks' clock, of tables in which it is clear.
+
+    `read` reads one stream of a mapping, by its purpose.
+    """
+    columns = mapping.columns
+    if columns is None or columns.tracks is None:
+        return mapping
+    tracks, of_imu = read(mapping, "tracks").tracks, read(mapping, "imu")
+    mounting = estimate_mounting(of_imu)
+    if of_imu.imu is None or mounting is None or not are_usable(tracks):
+        return mapping
+    offset = clock_offset(tracks, of_imu.imu, vertical_rate(of_imu.imu, mounting)) or 0.0
+    if abs(offset) < LEAST_OFFSET:
+        return mapping
+    by = round(columns.tracks.clock_offset + offset, 2)
+    changed = structs.replace(columns.tracks, clock_offset=by)
+    return structs.replace(mapping, columns=structs.replace(columns, tracks=changed))

@@ -11,7 +11,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_toml import toml_value
-from icreckon.replay.inspection.fix_wander import Antenna, FixWanderEstimate
+from icreckon.replay.inspection.fix_wander import FixFit, FixWanderEstimate
 from icreckon.replay.inspection.guess_topics import PLACEHOLDER_SIGMA
 from icreckon.replay.inspection.gyro_bias import GyroBias
 from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
@@ -64,9 +64,7 @@ class LogEstimates:
     bias: GyroBias | None = None  # bias of the gyro
     wander: FixWanderEstimate | str | None = None  # error of the fixes, or why it is not known
     imu_mount: Mount | None = None  # static transform of the IMU
-    antenna: Antenna | None = (
-        None  # place of the antenna by the fixes, where no transform states it
-    )
+    fix_fit: FixFit | None = None  # place of the antenna, lag and scale by the fixes
 
     @property
     def states_fix_sigma(self) -> bool:
@@ -109,7 +107,7 @@ def robot_file_text(path: Path, estimates: LogEstimates) -> str:
         *_imu_lines(estimates),
         *_tracks_lines(estimates),
         *_topic_lines(estimates, latency, wander),
-        *(_column_lines(columns, latency, wander) if columns else []),
+        *(_column_lines(columns, latency, wander, estimates.fix_fit) if columns else []),
     ]
     return "\n".join(lines) + "\n"
 
@@ -151,7 +149,9 @@ def _radius_line(estimates: LogEstimates) -> str:
         return f"sprocket_radius = nan    {FILL_IN} (m, effective)"
     radius, sigma = wheels.distance_ratio, wheels.distance_sigma
     error = "" if sigma is None else f" ± {sigma:.2g}"
-    by_source = f"by the {wheels.distance_source} where it hardly turned"
+    by_source = "by the fixes"
+    if wheels.distance_source == "truth":
+        by_source = "by the truth where it hardly turned"
     if sigma is not None and sigma > ROUGH_RADIUS * radius:
         return f"sprocket_radius = nan    {FILL_IN} (m, effective; {radius:.2g}{error} {by_source})"
     return f"sprocket_radius = {radius:.4g}    # m{error}, effective, {by_source}"
@@ -328,9 +328,7 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
         if any(mapping.fixes.position):
             place = _metres(mapping.fixes.position)
             keys_of["fixes"].append(f"position = {place}    # m, of the antenna, by /{STATIC}")
-        elif estimates.antenna is not None and estimates.antenna.differs(np.zeros(2)):
-            place, sigma = _metres(estimates.antenna.place.round(2)), estimates.antenna.sigma
-            keys_of["fixes"].append(f"position = {place}    # m, ± {sigma:.1g}: antenna, by bends")
+        keys_of["fixes"] += _fit_lines(estimates.fix_fit, mapping.fixes.position)
     if mapping.heading:
         keys_of["heading"] = _heading_keys(mapping.heading, estimates.log)
     if truth := mapping.truth:
@@ -344,6 +342,17 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
             lines.append(f'time = "recording"    # {choice.reason}')
         lines += latency if purpose == "tracks" else []
     return lines[1:]
+
+
+def _fit_lines(fit: FixFit | None, known: tuple[float, float]) -> list[str]:
+    """Keys of the fixes: their lag, and the place of the antenna if it is not known."""
+    lines = []
+    if fit is not None and fit.differs(np.zeros(2)) and not any(known):
+        place = _metres(fit.place.round(2))
+        lines.append(f"position = {place}    # m, ± {fit.sigma:.1g}: antenna, by bends")
+    if fit is not None and fit.is_late:
+        lines.append(f"latency = {fit.lag:.2f}    # s, ± {fit.lag_sigma:.1g}, behind the tracks")
+    return lines
 
 
 def _heading_keys(heading: HeadingTopic, log: Log | None) -> list[str]:
@@ -390,7 +399,9 @@ def _wander_lines(wander: FixWanderEstimate | str | None, states_sigma: bool) ->
     ]
 
 
-def _column_lines(columns: ColumnMap, track_latency: list[str], wander: list[str]) -> list[str]:
+def _column_lines(
+    columns: ColumnMap, track_latency: list[str], wander: list[str], fit: FixFit | None
+) -> list[str]:
     """Tables [log.columns], [log.columns.tracks], ...; empty keys are left out."""
     lines = ["[log.columns]", f"time = {toml_value(columns.time)}"]
     lines.append(f"time_unit = {toml_value(columns.time_unit)}    # check it")
@@ -412,7 +423,7 @@ def _column_lines(columns: ColumnMap, track_latency: list[str], wander: list[str
             remark = f"    {FILL_IN}" if name in ("position_sigma", "counts_per_turn") else ""
             lines.append(f"{name} = {text}{'    # check it' if name in CHECKED else remark}")
         lines += track_latency if purpose == "tracks" else []
-        lines += wander if purpose == "fixes" else []
+        lines += [*wander, *_fit_lines(fit, stream.position)] if purpose == "fixes" else []
     return lines
 
 

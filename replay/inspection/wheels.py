@@ -14,6 +14,7 @@ from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.log.series import running_integral
 from icreckon.replay.inspection import imu_mounting
+from icreckon.replay.inspection.fix_wander import fit_fixes
 
 GRAVITY = 9.81
 WRONG_GRAVITY = 0.03  # relative error of the mean specific force from which it is suspicious [-]
@@ -67,6 +68,10 @@ def wheel_estimates(
     elif log.fixes is not None:
         source, stamps, positions = "fixes", log.fixes.stamps, log.fixes.poses[:, :2]
         noise = float(np.sqrt(np.median(log.fixes.variances[:, 0]))) if len(stamps) else 0.0
+        # Wander makes distances between fixes longer, and not the path that fits them.
+        if (fit := fit_fixes(log, vertical)) is not None:
+            of_distance = fit.scale, source, track_ratio, fit.scale_sigma, track_sigma
+            return WheelEstimates(*of_distance)
     else:
         return WheelEstimates(None, "", track_ratio, track_sigma=track_sigma)
     ratio, sigma = _distance_ratio(

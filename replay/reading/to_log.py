@@ -41,6 +41,7 @@ from icreckon.replay.reading.stamps import doubled_times, in_both, largest_part
 from icreckon.replay.reading.stream import NAN, Stream
 from icreckon.replay.reading.wheels import interpolated, of_sides
 
+FEWEST_APART = 20  # fewest samples of tracks and IMU that show two clocks
 OVERLAID = ("tracks", "imu")  # streams that indicate a clock set back if both have twice their rate
 
 
@@ -83,7 +84,9 @@ class _Assembly:
             if not choice.by_default:
                 self.notes.append(f"{purpose} by the time of recording: {choice.reason}")
         stamps = [self._ordered(streams[purpose])[0] for purpose in OVERLAID if purpose in streams]
-        ends = [(int(times.min()), int(times.max())) for times in stamps if len(times)]
+        ends = [
+            (int(times.min()), int(times.max())) for times in stamps if len(times) >= FEWEST_APART
+        ]
         if len(ends) == len(OVERLAID) and max(ends)[0] > min(end for _, end in ends):
             (first, last), (begin, end) = (np.array(pair) * NANOSECOND for pair in ends)
             raise ApartError(

@@ -9,11 +9,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from icreckon import FixSpec, Log, Scenario, inspect, load_robot, simulate, write_log
+from icreckon import EncoderSpec, FixSpec, Log, Scenario, inspect, load_robot, simulate, write_log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.sensors.sensor_models import SensorModels
-from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
+from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander, fit_fixes
 
 ALPHA = load_robot("auriga-alpha")
 GPS = FixSpec(sigma=0.3, wander_sigma=1.2, wander_time=60.0)
@@ -101,3 +101,20 @@ def test_fixes_that_state_more_than_they_scatter_wander(stated: float, proposed:
     found = found_in(faster)
     assert (not found.reason) == proposed
     assert ("that they state" in found.text) == proposed
+
+
+def test_fixes_that_come_late_are_found_with_their_antenna_and_the_scale() -> None:
+    log = simulate(
+        Scenario(duration=240.0, seed=3, trajectory="stop-and-go", fix_rate=5.0, truth="kinematic",
+                 fixes=FixSpec(sigma=0.02), encoders=EncoderSpec(scale_sigma=0.0)),
+        ALPHA,
+    )  # fmt: skip
+    vertical = SensorModels(ALPHA).yaw_rates(log.imu.angular_velocity)
+    in_time = fit_fixes(log, vertical)
+    assert not in_time.is_late
+    late = replace(log, fixes=replace(log.fixes, stamps=log.fixes.stamps + 300_000_000))
+    found = fit_fixes(late, vertical)
+    assert found.is_late
+    assert found.lag == pytest.approx(0.3, abs=0.03)
+    assert found.place == pytest.approx(in_time.place, abs=0.03)
+    assert found.scale == pytest.approx(1.0, abs=0.02)
