@@ -1,6 +1,7 @@
 """`icreckon calibrate`: calibration of a robot from logs with a truth."""
 
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -88,8 +89,9 @@ def command(
     arm = None if lever_arm is None else _pair(lever_arm)
     message_files = message_files or []
     definitions = read_definitions(message_files)
-    parts = robot.log and are_parts(paths, topic_map(robot).columns)
-    logs_of = [paths] if parts else [log_files(path) or [path] for path in paths]
+    of_each = [log_files(path) or [path] for path in paths]
+    parts = robot.log and are_parts(of_each, topic_map(robot).columns)
+    logs_of = [list(chain(*of_each))] if parts else of_each
     with results_folder(out, f"icreckon-calibrate-{paths[0].stem}", overwrite=overwrite) as folder:
         logs = [_read(files, robot, definitions) for files in logs_of]
         calibration = _calibrate(logs, robot, segment, arm, names)

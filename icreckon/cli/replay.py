@@ -30,7 +30,7 @@ from icreckon.replay.comparison.compare import DEFAULT_VARIANTS
 from icreckon.replay.comparison.fixes import parse_part
 from icreckon.replay.export.formats import parse_formats
 from icreckon.replay.mapping.topics import topic_map
-from icreckon.replay.reading.gather import refuse_twice, source_name
+from icreckon.replay.reading.gather import log_files, refuse_twice, source_name
 from icreckon.replay.reading.read_log import read_log
 from icreckon.replay.reading.tables import are_parts
 from icreckon.report.replay.folder import PAGE_FILE, RESULTS_FILE, write_many
@@ -128,7 +128,8 @@ def command(
     robots = dict(the_robot(name, files_of[0]) for name in wanted)
     refuse_twice(robot_names, "robot file")
     maps = [topic_map(robot) for robot in robots.values() if robot.log]
-    if any(are_parts(paths, mapping.columns) for mapping in maps):
+    of_each = [log_files(path) or [path] for path in paths]
+    if any(are_parts(of_each, mapping.columns) for mapping in maps):
         say(f"read as one log, of which each file has a part: {', '.join(map(str, paths))}")
         files_of = [paths]
     names = None if variants is None else [name.strip() for name in variants.split(",")]

@@ -35,3 +35,7 @@ def coarse_stamps(notes: Iterable[str]) -> list[str]:
 
 class ApartError(ReplayError):
     """Track speeds and IMU that do not overlap in time."""
+
+
+class NoRowsError(ReplayError):
+    """A table without rows, which is none of several files of a log."""

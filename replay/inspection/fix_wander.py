@@ -117,6 +117,11 @@ def estimate_wander(
     fits = {(time, ratio): _fit(windows, (time, ratio)) for time in TIMES for ratio in RATIOS}
     time, ratio = max(fits, key=lambda model: fits[model].likelihood)
     best_fit, times = fits[time, ratio], _times_as_good(fits)
+    if ratio == RATIOS[0]:
+        # White noise below the steps of the wander is not observable: the largest that fits as well.
+        losses = {one: 2.0 * (best_fit.likelihood - fits[time, one].likelihood) for one in RATIOS}
+        ratio = max(one for one, loss in losses.items() if loss <= AS_GOOD)
+        best_fit = fits[time, ratio]
     if 2.0 * (best_fit.likelihood - white_fit.likelihood) < CLEAR:
         white = float(np.sqrt(white_fit.variance))
         return FixWanderEstimate(white, 0.0, time, times, "white noise alone explains them")

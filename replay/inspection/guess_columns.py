@@ -47,6 +47,7 @@ LATITUDE, LONGITUDE, ALTITUDE = (
     re.compile(rf"(^|_){short}({long})?(_deg)?$")
     for short, long in (("lat", "itude"), ("lon", "g|gitude"), ("alt", "itude"))
 )
+ACCURACY = re.compile(r"^(horizontal_?accuracy|h_?acc(uracy)?|eph|position_?(sigma|std))$")
 POSE_NAMES = ("x", "y", "yaw|heading|theta")  # patterns of the last word of a name
 UNIT = re.compile(r"_(?:m?dps|mps2?|m?g|(?:m|deg|rad)(?:_?s_?2?)?|[num]?s(?:ec)?)$")
 SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
@@ -210,11 +211,13 @@ def _fixes(names: Sequence[str], time: _Time) -> PoseColumns | None:
     latitude, longitude = _first(names, LATITUDE), _first(names, LONGITUDE)
     if latitude is None or longitude is None:
         return None
+    accuracy = _first(names, ACCURACY)
     return PoseColumns(
         latitude=latitude,
         longitude=longitude,
         altitude=_first(names, ALTITUDE),
-        position_sigma=PLACEHOLDER_SIGMA,
+        sigma=accuracy,
+        position_sigma=None if accuracy else PLACEHOLDER_SIGMA,
         **time._asdict(),
     )
 

@@ -25,7 +25,13 @@ from icreckon.replay.bags.bag_files import over_bag
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.bags.message_types import JOINT_STATE
 from icreckon.replay.bags.table_files import is_table
-from icreckon.replay.base.errors import ApartError, EqualStampsError, ReplayError, coarse_stamps
+from icreckon.replay.base.errors import (
+    ApartError,
+    EqualStampsError,
+    NoRowsError,
+    ReplayError,
+    coarse_stamps,
+)
 from icreckon.replay.inspection import imu_mounting, robot_file, static_frames, topic_survey, wheels
 from icreckon.replay.inspection import track_by_rate as by_rate
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander, fit_fixes
@@ -376,8 +382,15 @@ def _survey_files(
     tables = []
     for path in paths:
         if path.is_file() and is_table(path):
-            tables.append(Table(path))
-            notes += [*tables[-1].notes, *tables[-1].stray_texts()]
+            try:
+                table = Table(path)
+            except NoRowsError as problem:
+                if len(paths) == 1:
+                    raise
+                notes.append(f"{problem}: not used")
+                continue
+            tables.append(table)
+            notes += [*table.notes, *table.stray_texts()]
             continue
         survey_bag = partial(topic_survey.survey_bag, source=str(path), definitions=definitions)
         bag_surveys, bag_notes = over_bag(path, survey_bag)

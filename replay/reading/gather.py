@@ -14,7 +14,7 @@ from icreckon.replay.bags.bag_files import BAG_SUFFIXES, Bag, over_bag
 from icreckon.replay.bags.decoding import Definitions, decoder
 from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRING, TWIST
 from icreckon.replay.bags.table_files import TABLE_SUFFIXES, is_table
-from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError, os_errors
+from icreckon.replay.base.errors import OF_ROBOT_FILE, NoRowsError, ReplayError, os_errors
 from icreckon.replay.mapping.field_paths import field_reader
 from icreckon.replay.mapping.topics import (
     MAPPING_TOPIC,
@@ -147,8 +147,13 @@ def gather(
         if path in bags:
             read = partial(read_bag, path=path, report=partial(report, number))
             result.add(over_bag(path, read))
-        else:
+            continue
+        try:
             result.add(_of_table(path, result.mapping))
+        except NoRowsError as problem:
+            if len(paths) == 1:
+                raise
+            result.notes.append(f"{problem}: not used")
     result.streams = {key: stream for key, stream in result.streams.items() if not stream.missing}
     _check_all_there(result, bags, paths)
     if bags:

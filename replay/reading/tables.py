@@ -11,7 +11,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Stamps
 from icreckon.replay.bags.message_types import NAVSATFIX
 from icreckon.replay.bags.table_files import are_few, is_table, read_table
-from icreckon.replay.base.errors import OF_STAMPS, EqualStampsError, ReplayError
+from icreckon.replay.base.errors import OF_STAMPS, EqualStampsError, NoRowsError, ReplayError
 from icreckon.replay.mapping.columns import (
     NANOSECONDS_OF,
     ColumnMap,
@@ -91,7 +91,7 @@ class Table:
         self._table = self._table.rename_columns(names[:count])
         self._others = dict(zip(names[count:], self._others.values(), strict=True))
         if not self._table.num_rows:
-            raise ReplayError(f"{path}: the table has no rows")
+            raise NoRowsError(f"{path}: the table has no rows")
         self.notes = [f"{path.name}: {note}" for note in notes]
         self._leave_out_few_texts()
         self.columns = tuple(
@@ -315,13 +315,16 @@ def _coarse(column: str, stamps: Stamps) -> str | None:
     return f"{OF_STAMPS}{text} {1.0 - len(times) / len(stamps):.0%} of its times are repeated"
 
 
-def are_parts(paths: Sequence[Path], columns: ColumnMap | None) -> bool:
-    """Return True if bags and tables have unlike columns of the track speeds."""
+def are_parts(logs: Sequence[Sequence[Path]], columns: ColumnMap | None) -> bool:
+    """Return True if logs, each of files, have unlike columns of the track speeds."""
     if columns is None:
         return False
     names = columns.tracks.names if columns.tracks else ()
     of_bag = set(names) or {""}
-    found = (Table(path).present(names) if is_table(path) else of_bag for path in paths)
+    found = (
+        set().union(*(Table(file).present(names) if is_table(file) else of_bag for file in files))
+        for files in logs
+    )
     return len(set(map(frozenset, found))) > 1
 
 

@@ -379,6 +379,6 @@ def test_a_bag_and_a_trajectory_are_one_log(tmp_path: Path) -> None:
     robot.write_text(with_filled_in(text, robot)[0], "utf-8")
     known = load_robot(robot)
     assert known.vehicle.sprocket_radius == pytest.approx(RADIUS, rel=0.01)
-    assert are_parts([log, truth], topic_map(known).columns)
-    assert not are_parts([log, log], topic_map(known).columns)
+    assert are_parts([[log], [truth]], topic_map(known).columns)
+    assert not are_parts([[log], [log]], topic_map(known).columns)
     assert len(read_log([log, truth], known).truth.poses.stamps) == len(rows)

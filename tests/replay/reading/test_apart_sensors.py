@@ -155,3 +155,14 @@ def test_check_names_clocks_that_are_apart() -> None:
     assert "+41.00 s off" in found.problem
     corrected, _ = found.correction(late, robot)
     assert not [one.problem for one in check_robot(corrected, robot) if one.problem]
+
+
+def test_a_table_without_rows_is_left_out_of_several(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("time,left,right\n1.0,0.1,0.2\n1.1,0.3,0.4\n")
+    (tmp_path / "marks.csv").write_text("time,text\n")
+    tracks = {"left": ["left"], "right": ["right"]}
+    robot = robot_with(columns={"time": "time", "tracks": tracks})
+    log = read_log([tmp_path / "run.csv", tmp_path / "marks.csv"], robot)
+    assert len(log.tracks.stamps) == 2
+    assert any("marks.csv: the table has no rows: not used" in note for note in log.notes)
+    assert inspect(tmp_path).mapping.columns.tracks.left == ("left",)
