@@ -10,6 +10,8 @@ import pytest
 
 import icreckon
 from icreckon import Comparison, EstimatorError, Robot, Scenario, compare, simulate, summarise
+from icreckon.estimator.base.frames import rotate
+from icreckon.estimator.robot.settings import FixWander, Settings
 from icreckon.estimator.robot.variants import VARIANTS as ALL_VARIANTS
 from icreckon.replay.base.colours import COLOURS
 from icreckon.replay.base.errors import ReplayError
@@ -134,3 +136,14 @@ def test_fixes_in_another_frame_than_the_truth_are_noted(robot: Robot, shift: fl
     found = compare(replace(log, fixes=moved), robot, "inertia-online")
     notes = summarise(found, robot)["log"]["notes"]
     assert any("not in the frame of the truth" in note for note in notes) == bool(shift)
+
+
+def test_fixes_in_a_frame_that_is_turned_are_named_above_all(robot: Robot) -> None:
+    log = simulate(Scenario(duration=60.0, seed=1, fix_rate=1.0), robot)
+    poses = log.fixes.poses.copy()
+    poses[:, :2] = rotate(poses[:, :2], np.full(len(poses), 1.0)) + np.array([5.0, -3.0])
+    turned = replace(log, fixes=replace(log.fixes, poses=poses))
+    wander = FixWander(sigma=2.0, time=60.0)
+    found = compare(turned, robot, "inertia-online", settings=Settings(wander=wander))
+    notes = summarise(found, robot)["log"]["notes"]
+    assert any(note.startswith("robot file: the fixes are in another frame") for note in notes)
