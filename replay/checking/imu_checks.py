@@ -171,10 +171,12 @@ def check_forward(log: Log, robot: Robot) -> Iterator[Check]:
         return
     horizontal = np.nan_to_num(force[:, :2])
     yaw = imu_mounting.forward_yaw(log.tracks, log.imu.stamps, horizontal, vertical)
+    in_file = angles_text(robot.imu.rotation_rpy_deg)
     if yaw is None:
+        yield Check(FORWARD, in_file, "not seen: accelerations fit no multiple of 90 deg clearly")
         return
     in_log = f"{yaw:+.0f} deg about the vertical" if yaw else "as the tracks accelerate"
-    in_file, measured = angles_text(robot.imu.rotation_rpy_deg), Measured(yaw, "deg", 0.0)
+    measured = Measured(yaw, "deg", 0.0)
     check = Check(FORWARD, in_file, in_log, measured=measured)
     if yaw != 0.0:
         about_z = rpy_to_matrix(0.0, 0.0, math.radians(yaw))
