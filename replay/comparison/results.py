@@ -37,10 +37,8 @@ from icreckon.replay.comparison.scores import differences, noise_drifts, scores,
 
 FORMAT = 1
 FAR_OFF = 5.0  # distance of fixes from a truth, over their sigma, from which on it is noted [-]
-TURNED, FEWEST_PLACES = (
-    5.0,
-    10,
-)  # turn from which on the frames differ [deg], and places that show it
+TURNED = 5.0  # turn between the frames of fixes and truth from which on it is noted [deg]
+FEWEST_PLACES = 10  # fewest fixes that show it
 ENOUGH_FIXES = 30  # number of fixes that show a correlation of successive innovations
 # Lists of numbers are written on one line; no string holds a line break.
 NUMBERS = re.compile(r"\[\n[-+.\deE\s,nul]*\]")

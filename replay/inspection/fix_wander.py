@@ -182,7 +182,7 @@ def fit_fixes(log: Log, vertical: Floats | None) -> FixFit | None:
     if vertical is None or len(log.tracks.stamps) < 2:
         return None
     stamps, bias = np.zeros(0, np.int64) if log.imu is None else log.imu.stamps, 0.0
-    fits: list[FixFit | None] = [None, None]
+    tried: list[list[_WindowFit]] = []
     for _ in range(ANTENNA_ROUNDS):
         windows = _cut_windows(log, stamps, vertical + bias, ANTENNA_WINDOW)
         windows = [one for one in windows if one.design.shape[1] == one.columns.shape[1]]
@@ -191,10 +191,8 @@ def fit_fixes(log: Log, vertical: Floats | None) -> FixFit | None:
         # Without a lag, and with one.
         tried = [[_fit_window(one, with_lag) for one in windows] for with_lag in (False, True)]
         bias += float(np.median([one.bias for one in tried[0]]))
-        fits = [_mean_fit(found) for found in tried]
-    without_lag, with_lag = fits
-    shows_lag = with_lag is not None and with_lag.lag_sigma < LAG_OBSERVABLE
-    return with_lag if shows_lag else without_lag
+    without_lag, with_lag = map(_mean_fit, tried)
+    return with_lag if with_lag.lag_sigma < LAG_OBSERVABLE else without_lag
 
 
 class _WindowFit(NamedTuple):

@@ -100,9 +100,11 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
 def _with_gravity(names: Sequence[str], table: Table) -> list[str]:
     """Names without accelerations whose mean has no gravity, as of phones."""
     forces = _axes(_with_file(names, table), ACCELEROMETER)
-    if len(forces) < 3:
+    rows = table.numbers(forces) if len(forces) == 3 else np.zeros((0, 3))
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    if not len(rows):
         return [*names]
-    mean = np.linalg.norm(np.nanmean(table.numbers(forces), axis=0))
+    mean = np.linalg.norm(rows.mean(axis=0))
     bare = {name.removeprefix(f"{table.path.stem}.") for name in forces} | {*forces}
     return [name for name in names if mean > NO_GRAVITY or name not in bare]
 

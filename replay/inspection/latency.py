@@ -46,6 +46,7 @@ _Series = TypeVar("_Series", TrackSpeedSeries, PoseSeries)
 LEAST_LATENCY = 0.03  # smallest size of a latency that is proposed [s]
 LEAST_OFFSET = 1.0  # least offset of a clock; less is a latency [s]
 STEP, LEAST_OVERLAP = 0.1, 60.0  # time between yaw rates that are compared, and least overlap [s]
+LONGEST = 1e6  # longest series that is compared [s]
 CLEAR, NEXT, APART = 0.7, 0.8, 5.0
 """Least correlation at which clocks fit, its largest share at other offsets, how far these are [s]."""
 
@@ -88,7 +89,8 @@ def clock_offset(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> 
     """
     from scipy.signal import correlate
 
-    if min(len(tracks.stamps), len(imu.stamps)) < 2:
+    series = tracks.stamps, imu.stamps
+    if any(len(one) < 2 or (one[-1] - one[0]) * NANOSECOND > LONGEST for one in series):
         return None
     by_tracks, by_gyro = (
         _even_rates(stamps, rates)

@@ -172,7 +172,7 @@ class Stream:
         if not (self.missing or other.missing):
             for span, other_span in product(self._spans(), other._spans()):
                 _check_parts_of_one_log(self.purpose, span, other_span)
-        else:
+        elif self._rows.recorded and other._rows.recorded:
             self.joins.append(len(self._rows.recorded) - 1)
         self.missing &= other.missing
         self._parts = [*self._spans(), *other._spans()]

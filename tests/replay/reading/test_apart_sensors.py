@@ -166,3 +166,12 @@ def test_a_table_without_rows_is_left_out_of_several(tmp_path: Path) -> None:
     assert len(log.tracks.stamps) == 2
     assert any("marks.csv: the table has no rows: not used" in note for note in log.notes)
     assert inspect(tmp_path).mapping.columns.tracks.left == ("left",)
+
+
+def test_a_part_without_rows_joins_nothing(tmp_path: Path) -> None:
+    (tmp_path / "left.csv").write_text("time,left\n" + "".join(f"{k},0.1\n" for k in range(1, 9)))
+    (tmp_path / "right.csv").write_text("time,right\n1,\n2,\n")
+    tracks = {"left": ["left"], "right": ["right"]}
+    robot = robot_with(columns={"time": "time", "tracks": tracks})
+    with pytest.raises(ReplayError, match="track"):
+        read_log([tmp_path / "left.csv", tmp_path / "right.csv"], robot)
