@@ -20,8 +20,8 @@ GPS = FixSpec(sigma=0.3, wander_sigma=1.2, wander_time=60.0)
 
 
 @cache
-def driven(fixes: FixSpec, seed: int = 1) -> Log:
-    scenario = Scenario(duration=600.0, seed=seed, fix_rate=1.0, fixes=fixes, truth="kinematic")
+def driven(fixes: FixSpec, seed: int = 1, seconds: float = 600.0) -> Log:
+    scenario = Scenario(duration=seconds, seed=seed, fix_rate=1.0, fixes=fixes, truth="kinematic")
     return simulate(scenario, ALPHA)
 
 
@@ -40,7 +40,7 @@ def test_wander_is_found() -> None:
 
 def test_an_antenna_off_the_centre_is_found_and_is_no_wander(tmp_path: Path) -> None:
     """Its place turns with the robot."""
-    log = driven(FixSpec(sigma=0.02))
+    log = driven(FixSpec(sigma=0.02), seconds=250.0)
     at = log.fixes.stamps
     arm = (-1.0 + 0.5j) * np.exp(1j * interpolate_poses(log.truth.poses, at)[:, 2])
     moved = log.fixes.poses + np.column_stack([arm.real, arm.imag, np.zeros(len(at))])
