@@ -31,6 +31,7 @@ def rows_of(folder: Path, bits: int) -> np.ndarray:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_day_in_float_is_that_in_double(tmp_path: Path) -> None:
     """Hours without fixes, to 1 km and more of sigma, then fixes of 5 cm: sums and covariance hold."""
     (tmp_path / "32").mkdir()
