@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from conftest import thorough
 from readme import ROOT, blocks, run_page
 
 GUIDES = (
@@ -19,6 +20,8 @@ GUIDES = (
     "tutorials/microcontroller.md",
     "tutorials/simulate-and-study.md",
 )
+# Nearly a minute each of what other tests and the cross build show, too.
+LONGEST = ("how-to/several-logs.md", "tutorials/microcontroller.md")
 ELSEWHERE = {"check.md", "embedding.md", "from-robot-localization.md", "three-dimensions.md"}
 """Guides whose commands other tests run."""
 
@@ -34,6 +37,6 @@ def test_no_guide_is_left_out() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", GUIDES)
+@pytest.mark.parametrize("page", [thorough(page) if page in LONGEST else page for page in GUIDES])
 def test_a_guide_runs(page: str, tmp_path: Path) -> None:
     run_page(f"docs/{page}", tmp_path)
