@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.scores import pieces
+from icreckon.estimator.log.scores import are_within, pieces
 from icreckon.estimator.log.series import running_integral
 
 WINDOW = 120.0  # length of a window [s]
@@ -260,10 +260,12 @@ def _cut_windows(log: Log, stamps: Stamps, vertical: Floats, length: float) -> l
     seconds = (stamps - origin) * NANOSECOND
     yaw = running_integral(stamps, vertical)
     speed = np.interp(stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
-    velocity = speed * np.exp(1j * yaw)
+    heading = np.exp(1j * yaw)
+    velocity = speed * heading
     path = running_integral(stamps, velocity)
     # Change of the path by a bias of the gyro.
     bias_path = running_integral(stamps, velocity * 1j * seconds)
+    curves = (path, bias_path, heading, velocity)
 
     first, last = max(origin, log.tracks.stamps[0]), min(stamps[-1], log.tracks.stamps[-1])
     inside = (fixes.stamps >= first) & (fixes.stamps <= last)
@@ -271,21 +273,23 @@ def _cut_windows(log: Log, stamps: Stamps, vertical: Floats, length: float) -> l
     positions = fixes.poses[inside, 0] + 1j * fixes.poses[inside, 1]
     if not len(times):
         return []
+    numbers = np.unique((times - times[0]) // length)[:-1]  # the last one is incomplete
+    begins = times[0] + numbers * length
+    ends, is_covered = begins + length, np.ones(len(begins), dtype=bool)
+    for each in (stamps, log.tracks.stamps):
+        since = (each - origin) * NANOSECOND
+        is_covered &= are_within(pieces(each, LARGEST_HOLE), since, begins, ends)
     windows = []
-    *numbers, _incomplete = np.unique((times - times[0]) // length).tolist()
-    for number in numbers:
-        begin, end = times[0] + number * length, times[0] + (number + 1.0) * length
+    for begin, end in zip(begins[is_covered], ends[is_covered], strict=True):
         rows = np.flatnonzero((times >= begin) & (times < end))
         rows = rows[~_are_outliers(positions[rows])]
         rows = rows[:: max(1, math.ceil(len(rows) / MOST_IN_WINDOW))]
-        has_hole = any(_has_hole(each, origin, begin, end) for each in (stamps, log.tracks.stamps))
-        if len(rows) < FEWEST_IN_WINDOW or has_hole:
+        if len(rows) < FEWEST_IN_WINDOW:
             continue
-        curves = (path, bias_path, np.exp(1j * yaw), velocity)
-        at, by_bias, heading, moving = (np.interp(times[rows], seconds, curve) for curve in curves)
+        at, by_bias, turned, moving = (np.interp(times[rows], seconds, curve) for curve in curves)
         # A bias turns the path about the heading at the middle of the window.
         by_bias = by_bias - 0.5j * (begin + end) * at
-        columns = np.column_stack([np.ones(len(rows)), at, by_bias, heading])
+        columns = np.column_stack([np.ones(len(rows)), at, by_bias, turned])
         windows.append(_Window(times[rows], positions[rows], columns, moving, _basis(columns)))
     return windows
 
@@ -297,13 +301,6 @@ def _basis(columns: Floats) -> Floats:
     scale = np.linalg.norm(columns, axis=0)
     basis: Floats = orth(columns / np.where(scale > 0.0, scale, 1.0), rcond=1e-6)
     return basis
-
-
-def _has_hole(stamps: Stamps, origin: int, begin: float, end: float) -> bool:
-    """Test for a gap in the samples of a window [s] after `origin` [ns]."""
-    seconds = (stamps - origin) * NANOSECOND
-    inside = (seconds >= begin) & (seconds < end)
-    return len(np.unique(pieces(stamps, LARGEST_HOLE)[inside])) != 1
 
 
 def _are_outliers(positions: Floats) -> NDArray[np.bool_]:
