@@ -38,4 +38,4 @@ class ApartError(ReplayError):
 
 
 class NoRowsError(ReplayError):
-    """A table without rows, which is none of several files of a log."""
+    """A table without rows; among several files of a log it is left out."""

@@ -115,10 +115,10 @@ def mapped_tracks(robot: Robot) -> TrackKeys | None:
     return topic_map(robot).track_keys
 
 
-def tracks_table(robot: Robot) -> str:
-    """Table of a robot file that maps the track speeds."""
-    only_columns = "columns" in robot.log and "tracks" not in robot.log
-    return "log.columns.tracks" if only_columns else "log.tracks"
+def mapped_table(robot: Robot, stream: str) -> str:
+    """Table of a robot file that maps a stream, as "log.tracks"."""
+    only_columns = "columns" in robot.log and stream not in robot.log
+    return f"log.columns.{stream}" if only_columns else f"log.{stream}"
 
 
 def with_imu(**values: object) -> Correction:

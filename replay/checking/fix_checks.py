@@ -11,7 +11,7 @@ from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.checking.check import SIGMAS, Check, Measured, in_base
+from icreckon.replay.checking.check import SIGMAS, Check, Measured, in_base, mapped_table
 from icreckon.replay.inspection.fix_wander import fit_fixes
 from icreckon.replay.inspection.wheels import heading_offset
 from icreckon.replay.mapping.topics import topic_map
@@ -39,14 +39,11 @@ def check_antenna(log: Log, robot: Robot) -> Iterator[Check]:
         yield check
         return
     moved = replace(fixes, antennas=np.tile(place, (len(fixes.stamps), 1)))
-    mapping = topic_map(robot)
-    columns = mapping.columns is not None and mapping.columns.fixes is not None
-    table = "log.columns.fixes" if columns and mapping.fixes is None else "log.fixes"
     yield check.contradicted(
         f"the fixes are of a point {shift:.2f} m from the file's: with fixes, poses are as far off",
         f"position = [{place[0]:.2f}, {place[1]:.2f}] in [log.fixes]",
         lambda log, robot: (replace(log, fixes=moved), robot),
-        {f"{table}.position": place.round(2).tolist()},
+        {f"{mapped_table(robot, 'fixes')}.position": place.round(2).tolist()},
     )
 
 
@@ -94,11 +91,10 @@ def check_heading(log: Log, robot: Robot) -> Iterator[Check]:
                 others[k] = replace(other, yaw=wrap_angle(other.yaw + math.radians(left)))
         return replace(log, others=tuple(others)), robot
 
-    table = "log.heading" if mapping.heading else "log.columns.heading"
     side = "right" if left > 0.0 else "left"
     yield check.contradicted(
         f"the headings are {abs(left):.0f} deg {side} of the direction of driving",
         f"offset_deg = {offset:.1f} in [log.heading]",
         turned,
-        {f"{table}.offset_deg": round(offset, 1)},
+        {f"{mapped_table(robot, 'heading')}.offset_deg": round(offset, 1)},
     )

@@ -34,10 +34,10 @@ from icreckon.replay.checking.check import (
     from_twist,
     has_track_rates,
     in_base,
+    mapped_table,
     mapped_tracks,
     measured_scale,
     measured_track,
-    tracks_table,
     true_motion,
     with_speeds,
 )
@@ -198,7 +198,7 @@ def _clear_turning(
         remedy = "its driver, or record the speeds of both sides"
         return check.contradicted(text, remedy, with_speeds(lambda v: sign * v[:, order]))
     minus = 'with a minus before each name, as "-motor"'
-    table = tracks_table(robot)
+    table = mapped_table(robot, "tracks")
     exchange = f"exchange left and right in [{table}]"
     if "right_topic" in robot.log.get("tracks", {}):
         exchange = "exchange topic and right_topic in [log.tracks]"
@@ -225,7 +225,8 @@ def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate:
     tracks = mapped_tracks(robot)
     offset = clock_offset(log.tracks, imu, rate) or 0.0
     if abs(offset) >= LEAST_OFFSET:
-        table, moved = tracks_table(robot), without_lag(log.tracks, Lag(offset, 0.0))
+        table = mapped_table(robot, "tracks")
+        moved = without_lag(log.tracks, Lag(offset, 0.0))
         remedy, settings = f'time = "recording" in [{table}]', Settings()
         if isinstance(tracks, TrackColumns):
             settings = {f"{table}.clock_offset": round(tracks.clock_offset + offset, 2)}
@@ -247,9 +248,10 @@ def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate:
     if correlation is None or abs(correlation) < imu_mounting.CLEAR_TURNING:
         return check
     side, signs = ("right", signs) if correlation > 0.0 else ("left", -signs)
+    table = mapped_table(robot, "tracks")
     return check.contradicted(
         f"the {side} side counts backward: the robot turns as the sum of both sides",
-        f'a minus before the names of {side} in [{tracks_table(robot)}], as "-motor"',
+        f'a minus before the names of {side} in [{table}], as "-motor"',
         with_speeds(lambda speeds: speeds * signs),
     )
 
@@ -304,12 +306,13 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
     def correction(log: Log, robot: Robot) -> tuple[Log, Robot]:
         return replace(log, tracks=without_lag(log.tracks, lag)), robot
 
+    table = mapped_table(robot, "tracks")
     size = f"{abs(lag.seconds):.2f} s {'late' if lag.seconds > 0.0 else 'early'}"
     yield check.contradicted(
         f"track speeds are stamped {size} against the gyro, ± {lag.sigma:.3f} s",
-        f"add {lag.seconds:+.2f} to latency in [{tracks_table(robot)}]",
+        f"add {lag.seconds:+.2f} to latency in [{table}]",
         correction,
-        {f"{tracks_table(robot)}.latency": round(latency, 2)},
+        {f"{table}.latency": round(latency, 2)},
     )
 
 
@@ -330,7 +333,7 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     table, name, stated = "vehicle", "sprocket_radius", robot.vehicle.sprocket_radius
     tracks = mapped_tracks(robot)
     if tracks is not None and not has_track_rates(robot):
-        table, name, stated = tracks_table(robot), "scale", tracks.scale
+        table, name, stated = mapped_table(robot, "tracks"), "scale", tracks.scale
     value = float(f"{ratio * stated:.4g}")
     check = Check(SCALE, "1", in_log, measured=Measured(ratio, "-", 1.0, sigma))
     smallest, largest = PLAUSIBLE

@@ -89,7 +89,7 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         measured = [name for name in names if name not in true_names and not is_command(name)]
         tracks = tracks or _tracks(measured, time, table)
         # The last name of an axis counts: those of the first table come last.
-        of_imu[time] = [*_with_file(_with_gravity(measured, table), table), *of_imu.get(time, [])]
+        of_imu[time] = [*_with_gravity(_with_file(measured, table), table), *of_imu.get(time, [])]
         fixes = fixes or _fixes(measured, time)
         truth = truth or _truth(true_names, time)
     imus = (_imu(names, time) for time, names in of_imu.items())
@@ -99,19 +99,17 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
 
 def _with_gravity(names: Sequence[str], table: Table) -> list[str]:
     """Names without accelerations whose mean has no gravity, as of phones."""
-    forces = _axes(_with_file(names, table), ACCELEROMETER)
+    forces = _axes(names, ACCELEROMETER)
     rows = table.numbers(forces) if len(forces) == 3 else np.zeros((0, 3))
     rows = rows[np.isfinite(rows).all(axis=1)]
-    if not len(rows):
+    if not len(rows) or np.linalg.norm(rows.mean(axis=0)) > NO_GRAVITY:
         return [*names]
-    mean = np.linalg.norm(rows.mean(axis=0))
-    bare = {name.removeprefix(f"{table.path.stem}.") for name in forces} | {*forces}
-    return [name for name in names if mean > NO_GRAVITY or name not in bare]
+    return [name for name in names if name not in forces]
 
 
 def _with_file(names: Sequence[str], table: Table) -> list[str]:
     """Names, of which bare axes have that of the file before them: "Gyroscope.x"."""
-    return [f"{table.path.stem}.{name}" if name in "xyz" else name for name in names]
+    return [f"{table.path.stem}.{name}" if name in {*"xyz"} else name for name in names]
 
 
 def _plain(name: str) -> str:

@@ -212,7 +212,7 @@ def _estimates(
             mapping = on_one_clock(mapping, assembled)
             log = assembled(mapping)
         in_units = _with_units(mapping, log, notes)
-        if not turn_alike(log):
+        if mapping.columns is not None and not turn_alike(log):
             in_units = on_one_clock(in_units, assembled)
         if in_units is not mapping:
             mapping = in_units

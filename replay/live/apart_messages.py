@@ -9,7 +9,7 @@ LONGEST = round(2.0 * TOGETHER / NANOSECOND)  # time between messages that belon
 CLEARLY_SLOWER = 0.9  # ratio of messages below which another wheel becomes the slowest [-]
 
 
-class ApartWheels:
+class ApartMessages:
     """Newest values of wheels, until those of all can be interpolated.
 
     A row is ready once each wheel has a value at its stamp or later: up to an interval of the wheels

@@ -19,7 +19,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.decoding import NANOSECONDS, stamp_of
 from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.live.apart_wheels import ApartWheels
+from icreckon.replay.live.apart_messages import ApartMessages
 from icreckon.replay.live.clock_watch import ClockWatch
 from icreckon.replay.live.silence import missing_joints
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
@@ -90,8 +90,8 @@ class LiveInputs:
     _streams: dict[str, Stream] = field(default_factory=dict)
     _waiting: list[_Arrived] = field(default_factory=list)
     _begun: int | None = None  # arrival of the first message [ns]
-    _wheels: ApartWheels = field(default_factory=ApartWheels)
-    _forces: ApartWheels = field(default_factory=lambda: ApartWheels(at=0))
+    _wheels: ApartMessages = field(default_factory=ApartMessages)
+    _forces: ApartMessages = field(default_factory=lambda: ApartMessages(at=0))
     _counter: tuple[int, Floats] | None = None  # newest positions of wheels, with their stamp [ns]
     _newest_transform: int = -1  # its stamp [ns]; -1 before the first
     _went_back: int | None = None  # time to which the clock of arrivals went back [ns]
@@ -188,7 +188,7 @@ class LiveInputs:
         self.clocks.clear()
         self._watch.restart()
         self._waiting.clear()
-        self._wheels = ApartWheels()
+        self._wheels, self._forces = ApartMessages(), ApartMessages(at=0)
         self._begun, self._counter, self._newest_transform, self._ahead_ns = None, None, -1, 0
         for stream in self._streams.values():
             if isinstance(stream, TransformStream):
@@ -341,7 +341,7 @@ class LiveInputs:
                 yield from self._tracks(stamp, rows, msgtype, mapped)
             case "imu":
                 complete = [(stamp, rows[0])]
-                if self.mapping.imu and self.mapping.imu.acceleration_topic:
+                if mapped.acceleration_topic:
                     complete = self._forces.take(stamp, rows[0], None)
                 for row_stamp, values in complete:
                     x, y, z, a_x, a_y, a_z = values.tolist()

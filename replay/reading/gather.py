@@ -268,7 +268,7 @@ def wanted_streams(
             left_readers = message_rows.side_readers(left, 0, len(right), are_counters)
             right_readers = message_rows.side_readers(right, len(left), 0, are_counters)
             both = stream("tracks", tracks.topic, tracks.time, *left_readers)
-            both.right = stream("tracks", tracks.right_topic, tracks.time, *right_readers)
+            both.second = stream("tracks", tracks.right_topic, tracks.time, *right_readers)
             return both
         readers = message_rows.track_readers(tracks.names, are_counters)
         by_field = tracks.left and types.get(tracks.topic) not in readers
@@ -286,7 +286,7 @@ def wanted_streams(
         else:
             both = stream("imu", imu.topic, imu.time, {IMU: imu_reader(imu, slice(0, 3))})
             of_forces = {IMU: imu_reader(imu, slice(3, 6))}
-            both.right = stream("imu", imu.acceleration_topic, imu.time, of_forces)
+            both.second = stream("imu", imu.acceleration_topic, imu.time, of_forces)
             yield both
     if fixes := mapping.fixes:
         yield pose_stream("fixes", fixes)

@@ -103,9 +103,9 @@ class Stream:
     from_table: bool = False  # whether the rows come from a table
     lost: dict[str, int] = field(default_factory=dict)  # numbers of unusable messages, by reason
     notes: list[str] = field(default_factory=list)  # findings about the stream, for the user
-    # stream of the right side, of track speeds on two topics, or of an IMU's accelerations: rows have NaN
-    # for what the other topic has
-    right: Stream | None = None
+    # stream of the second topic, of the right side or of an IMU's accelerations: rows have NaN for what
+    # the other topic has
+    second: Stream | None = None
     # columns of a table that other tables have, each with rows of its own: NaN here
     missing: set[str] = field(default_factory=set)
     joins: list[int] = field(default_factory=list)  # last rows of such tables
@@ -129,11 +129,11 @@ class Stream:
     @property
     def needed(self) -> tuple[str, ...]:
         """Topics without which there is no stream."""
-        return (self.topic,) if self.right is None else (self.topic, self.right.topic)
+        return (self.topic,) if self.second is None else (self.topic, self.second.topic)
 
     def side(self, topic: str) -> Stream:
         """Stream whose readers are those of a topic."""
-        return self if self.right is None or topic == self.topic else self.right
+        return self if self.second is None or topic == self.topic else self.second
 
     def take(self, record: Record) -> None:
         """Add a message.

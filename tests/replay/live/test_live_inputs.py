@@ -11,7 +11,7 @@ from rosbags.highlevel import AnyReader
 import bag_messages as made
 from bag_messages import JOINTS, SECOND, STORE, T, joints, robot_with, write_bag
 from icreckon import ImuSample, Measurement, ReplayError, Robot, TrackSpeeds, read_log
-from icreckon.replay.live.apart_wheels import ApartWheels
+from icreckon.replay.live.apart_messages import ApartMessages
 from icreckon.replay.live.inputs import LiveInputs, Subscription
 from icreckon.replay.mapping.topics import topic_map
 
@@ -231,7 +231,7 @@ def test_a_wheel_that_pauses_or_a_clock_that_is_set_ends_the_interpolation() -> 
 
 
 def test_a_wheel_that_never_comes_fills_no_memory() -> None:
-    wheels = ApartWheels()
+    wheels = ApartMessages()
     for k in range(1000):
         assert wheels.take(k * SECOND // 50, np.array([1.0, np.nan]), None) == []
     assert len(wheels._rows) <= 51
