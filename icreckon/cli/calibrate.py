@@ -18,6 +18,7 @@ from icreckon.cli.common.console import (
     write_file,
 )
 from icreckon.estimator.base.errors import IcreckonError
+from icreckon.estimator.base.plain_data import json_types
 from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.estimator.calibration.models import MODELS
 from icreckon.estimator.log.log import Log
@@ -30,7 +31,7 @@ from icreckon.replay.calibration.robot_file import FIRST_WORDS, robot_file_text
 from icreckon.replay.checking.check import has_track_rates
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
 from icreckon.replay.checking.worth import VARIANT
-from icreckon.replay.comparison.results import json_types, write_results
+from icreckon.replay.comparison.results import write_results
 from icreckon.replay.mapping.topics import topic_map, with_column_keys
 from icreckon.replay.reading.gather import log_files, refuse_twice, source_name
 from icreckon.replay.reading.read_log import read_log

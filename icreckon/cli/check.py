@@ -11,6 +11,7 @@ from rich.text import Text
 
 from icreckon.cli.common import console, options
 from icreckon.cli.common.comparing import kernels_of, the_robot
+from icreckon.estimator.base.plain_data import json_types
 from icreckon.estimator.log.log import Log
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import OF_STAMPS, ReplayError
@@ -18,7 +19,6 @@ from icreckon.replay.checking import robot_check
 from icreckon.replay.checking.check import Check
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
 from icreckon.replay.checking.worth import LEAST_COST, VARIANT, Worth, judged
-from icreckon.replay.comparison.results import json_types
 from icreckon.replay.inspection.inspect import guess_mapping
 from icreckon.replay.reading.gather import source_name
 from icreckon.replay.reading.read_log import read_log

@@ -8,8 +8,9 @@ import numpy as np
 
 from icreckon.cli.common.console import results_folder, show, working
 from icreckon.cli.common.options import Json, Out, Overwrite, Wide
+from icreckon.estimator.base.plain_data import json_types
 from icreckon.replay.base.outputs import write_text
-from icreckon.replay.comparison.results import FORMAT, Results, json_types, versions, write_results
+from icreckon.replay.comparison.results import FORMAT, Results, versions, write_results
 from icreckon.report.pages import unless_missing
 from icreckon.report.paper.tables import LEVELS, paper_page, paper_tables
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import IcreckonError
+from icreckon.estimator.base.plain_data import json_types
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
@@ -24,7 +25,6 @@ from icreckon.replay.comparison.results import (
     FORMAT,
     Results,
     comparison_drifts,
-    json_types,
     summarise,
     versions,
 )

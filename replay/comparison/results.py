@@ -10,7 +10,6 @@ import math
 import platform
 import re
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.frames import rotate
+from icreckon.estimator.base.plain_data import json_types, package_versions
 from icreckon.estimator.filter.fault_table import CORRELATED
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.log.log import Log
@@ -138,8 +138,8 @@ def comparison_drifts(comparison: Comparison) -> Drifts:
     }
 
 
-def write_results(path: Path, results: Results) -> None:
-    """Write results, of JSON's types, as JSON; see `json_types`."""
+    """Write results, which have types of JSON alone (`json_types`), as JSON."""
+    """Write results, of JSON's types, as JSON; see `icreckon.estimator.base.plain_data`."""
     text = json.dumps(results, indent=1, allow_nan=False)
     text = NUMBERS.sub(lambda numbers: "".join(numbers[0].split()), text)
     path.write_text(text + "\n", encoding="utf-8")
@@ -283,28 +283,9 @@ def _gyro_bias(comparison: Comparison) -> Results | None:
     return {"used_rad_s": bias.used, "shown_rad_s": bias.shown, "shown_sigma_rad_s": bias.sigma}
 
 
-def json_types(value: Any) -> Any:
-    """Convert to JSON types: None for NaN and infinity, no numpy types."""
-    if isinstance(value, dict):
-        return {key: json_types(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [json_types(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
 def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
     """Versions of Python and of the packages that determine a result."""
-    by_package = {"python": platform.python_version()}
-    for name in packages:
-        try:
-            by_package[name] = version(name)
-        except PackageNotFoundError:
-            by_package[name] = "not installed"
-    return by_package
+    return {"python": platform.python_version()} | package_versions(packages)
 
 
 def digest(path: Path) -> str:

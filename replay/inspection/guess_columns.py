@@ -13,6 +13,7 @@ from icreckon.replay.inspection.guess_topics import (
     SPEED,
     is_command,
     is_truth,
+    numbered_sides,
     sides,
     unit_of,
 )
@@ -37,15 +38,15 @@ BARE = re.compile(
     r"|v|k?m|[cm]?m|s|ms|mps|kmh|rad|rads|deg|h|l|r|[fmrb][lr]|[lr][fmrb]|"
 )
 GYRO = re.compile(
-    r"^(?:imu_?)?(?:gyro?(?:scope)?|ang(?:ular)?_?vel(?:ocity)?|omega|w|g)?[_.]?([xyz])$"
+    r"(?:(?:^|_|^imu)(?:gyro?(?:scope)?|ang(?:ular)?_?vel(?:ocity)?|omega)|^(?:imu_?)?[wg]?)_?([xyz])$"
 )
 ACCELEROMETER = re.compile(
-    r"^(?:imu_?)?(?:total_?)?(?:acc(?:el(?:eration|erometer)?)?|lin(?:ear)?_?acc(?:el(?:eration)?)?|a)[_.]?([xyz])$"
+    r"(?:(?:^|_)(?:imu|total|lin(?:ear)?)?acc(?:el(?:eration|erometer)?)?|^(?:imu_?)?a)_?([xyz])$"
 )
 YAW_RATE = re.compile(r"(?:^|imu_)(?:yaw_?rate|gyro(?:_?yaw)?|angular_?vel(?:ocity)?|omega)$")
 LATITUDE, LONGITUDE, ALTITUDE = (
-    re.compile(rf"(^|_){short}({long})?(_deg)?$")
-    for short, long in (("lat", "itude"), ("lon", "g|gitude"), ("alt", "itude"))
+    re.compile(rf"(^|_)({words})(_deg|_msl)?$")
+    for words in ("lat(itude)?", "lon(g|gitude)?|lng", "alt(itude)?")
 )
 ACCURACY = re.compile(r"^(horizontal_?accuracy|h_?acc(uracy)?|eph|position_?(sigma|std))$")
 POSE_NAMES = ("x", "y", "yaw|heading|theta")  # patterns of the last word of a name
@@ -53,6 +54,8 @@ UNIT = re.compile(r"_(?:m?dps|mps2?|m?g|(?:m|deg|rad)(?:_?s_?2?)?|[num]?s(?:ec)?
 SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 ENDINGS: dict[str, TimeUnit] = {"ns": "ns", "nsec": "ns", "us": "us", "ms": "ms", "msec": "ms"}
 ENDINGS |= {"micros": "us", "millis": "ms"}
+LONGEST_STEP = 2.0  # longest usual time between rows [s]; whole numbers with more are no seconds
+ELEMENT = re.compile(r"(.*)\[([012])\]$")  # name of an element of a vector, as gyro_rad[0]
 
 
 class _Time(NamedTuple):
@@ -113,7 +116,9 @@ def _with_file(names: Sequence[str], table: Table) -> list[str]:
 
 
 def _plain(name: str) -> str:
-    """Lower-case name without its unit: acc_x for `Acc x [m/s²]` and for `acc_x_g`."""
+    """Lower-case name without its unit: acc_x for `Acc x [m/s²]` and `acc_g[0]`."""
+    if element := ELEMENT.match(name):
+        return f"{_plain(element[1])}_{'xyz'[int(element[2])]}"
     without_brackets = re.sub(r"[\[(].*", "", name.lower()).strip()
     return UNIT.sub("", re.sub(r"\W+", "_", without_brackets))
 
@@ -131,7 +136,7 @@ def time_column_of(table: Table, known: str) -> str | None:
 
 
 def _time_unit(table: Table, name: str) -> TimeUnit:
-    """Unit by a word of the name, else by the size of times since 1970, else "s"."""
+    """Unit by a word of the name, the size of times since 1970, or the rows' steps."""
     for word in re.split(r"[^a-z]+", name.lower()):
         if word in ENDINGS:
             return ENDINGS[word]
@@ -139,8 +144,14 @@ def _time_unit(table: Table, name: str) -> TimeUnit:
         values = table.numbers([name])[:, 0]
     except ReplayError:
         return "s"
-    largest = np.nanmax(np.abs(values)) if np.isfinite(values).any() else 0.0
-    return next((unit for size, unit in SINCE_1970 if largest > size), "s")
+    times = np.unique(values[np.isfinite(values)])
+    largest = np.abs(times).max(initial=0.0)
+    if since_1970 := [unit for size, unit in SINCE_1970 if largest > size]:
+        return since_1970[0]
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    if step <= LONGEST_STEP or (times % 1.0).any():
+        return "s"
+    return "ms" if step <= 1e3 * LONGEST_STEP else "us"
 
 
 def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | None:
@@ -152,7 +163,7 @@ def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | N
         bare_names = {name: re.sub("left|right", " ", name.lower()) for name in likely}
         words_of = {name: re.split(r"[^a-z]+", bare) for name, bare in bare_names.items()}
         bare = [name for name, words in words_of.items() if all(map(BARE.fullmatch, words))]
-        left, right = sides(bare)
+        left, right = sides(bare) if any(sides(bare)) else numbered_sides(likely)
     if not (left and right) or len(left) != len(right):
         return None
     keys = unit_of(left[0], unknown="m/s")
@@ -167,7 +178,7 @@ def _axes(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:
     # The group of the pattern is the axis.
     by_axis = {}
     for name in names:
-        if match := pattern.match(_plain(name)):
+        if match := pattern.search(_plain(name)):
             by_axis[match.group(1)] = name
     if by_axis.keys() >= set("xyz"):
         return by_axis["x"], by_axis["y"], by_axis["z"]

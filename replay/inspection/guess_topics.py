@@ -1,7 +1,7 @@
 """Guess of the topic map of an unknown bag, by types and names."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,8 @@ NO_SPEED = re.compile(
 )
 COUNTER = re.compile("count|tick|enc")
 UNIT_WORDS: tuple[tuple[str, TrackUnit], ...] = (
+    ("wheel_speed[", "rad/s"),  # of PX4
+    ("dist", "m"),
     ("rpm", "rpm"),
     ("/min", "rpm"),
     ("rad", "rad/s"),
@@ -89,6 +91,19 @@ def sides(names: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
         return tuple(driving or joints)
 
     return on_side("left", LEFT), on_side("right", RIGHT)
+
+
+def numbered_sides(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Select two names of wheels that differ in a number alone, as Dist0 and Dist1.
+
+    Which is left differs: 0 is the right wheel of PX4.
+    """
+    families: dict[str, list[str]] = {}
+    for name in names:
+        if is_of_wheel(name) or "dist" in name.lower():
+            families.setdefault(re.sub(r"\d+", "#", name), []).append(name)
+    pairs = [family for family in families.values() if len(family) == 2]
+    return ((pairs[0][0],), (pairs[0][1],)) if pairs else ((), ())
 
 
 def is_truth(topic: str) -> bool:

@@ -1,6 +1,5 @@
 """Inspection of a log, topic by topic, with a proposed robot file."""
 
-import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,7 +18,6 @@ from icreckon.estimator.log.failed_sensors import imu_span, stuck_sides, unequal
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
-from icreckon.estimator.log.series import ImuSeries
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.bags.bag_files import over_bag
 from icreckon.replay.bags.decoding import Definitions
@@ -54,7 +52,6 @@ from icreckon.replay.reading.tables import Table
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
 UNUSED = ("latency", "gauge")  # keys that an inspection ignores and estimates
-FAST_TURNING = 6.0  # yaw rate that a ground robot hardly exceeds [rad/s]
 FAST_SPEED, FAST_RATE = 20.0, 120.0
 """Speed and wheel rate that a ground robot hardly exceeds [m/s, rad/s]."""
 OF_THE_FILE = ("out of order", "repeated in", "go back")  # words of notes on what a file holds
@@ -211,7 +208,9 @@ def _estimates(
         except ApartError:
             mapping = on_one_clock(mapping, assembled)
             log = assembled(mapping)
-        in_units = _with_units(mapping, log, notes)
+        keys = wheels.units_and_sides(mapping, log, notes)
+        keys = {table: known for table, known in keys.items() if table not in sizes.log}
+        in_units = _with_keys(mapping, keys) if keys else mapping
         if mapping.columns is not None and not turn_alike(log):
             in_units = on_one_clock(in_units, assembled)
         if in_units is not mapping:
@@ -304,32 +303,6 @@ def _with_keys(guess: TopicMap, filled_in: Mapping[str, Mapping[str, Any]]) -> T
             table = table[part]
         table |= {key: value for key, value in keys.items() if key not in UNUSED}
     return convert(merged, TopicMap, "[log]", ReplayError)
-
-
-def _with_units(mapping: TopicMap, log: Log, notes: list[str]) -> TopicMap:
-    """Mapping with the IMU in deg/s or g where its readings are; adds a note on each."""
-    # It is the same object if there is nothing to change.
-    if log.imu is None:
-        return mapping
-    units, fast = {}, _fast_turning(log.imu)
-    # Limits of what is plausible in rad/s and deg/s, and in mdps.
-    in_degrees = math.degrees(FAST_TURNING)
-    for unit, least, most in (
-        ("deg/s", FAST_TURNING, in_degrees),
-        ("mdps", 10.0 * in_degrees, 1e3 * in_degrees),
-    ):
-        if least < fast < most:
-            units["rate_unit"] = unit
-            found = f"the gyro reads {fast:.3g} and more for 1 % of the time"
-            notes.append(f"{found}: taken for {unit}")
-    mounting = imu_mounting.estimate_mounting(log)
-    if mounting is not None and mounting.specific_force is not None:
-        force = float(np.linalg.norm(mounting.specific_force))
-        for unit in ("g", "mg"):
-            if wheels.unit_of_gravity(force) == f"; in {unit}?":
-                units["acceleration_unit"] = unit
-                notes.append(f"the mean specific force is {force:.4g}: taken for {unit}")
-    return _with_keys(mapping, {"imu" if mapping.imu else "columns.imu": units} if units else {})
 
 
 def guess_mapping(
@@ -464,7 +437,7 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
         )
     if estimates.wheels.track_ratio is not None:
         yield _track_finding(estimates)
-    if mounting is not None and (mounting.turning_correlation or 0.0) < -robot_file.CLEAR_SIGN:
+    if mounting is not None and (mounting.turning_correlation or 0.0) < -wheels.CLEAR_SIGN:
         yield (
             "tracks: they turn the other way than the gyro (correlation "
             f"{mounting.turning_correlation:.2f}): left and right may be swapped, or the IMU is "
@@ -522,8 +495,8 @@ def unit_suspicions(estimates: robot_file.LogEstimates, log: Log) -> Iterator[st
             guess = wheels.unit_of_gravity(force)
             yield f"mean specific force is {force:.3g}, not {wheels.GRAVITY} m/s²{guess}"
     if log.imu is not None:
-        fast = _fast_turning(log.imu)
-        if fast > FAST_TURNING:
+        fast = wheels.fast_turning(log.imu)
+        if fast > wheels.FAST_TURNING:
             yield f"the gyro reads {fast:.3g} and more for 1 % of the time; rad/s, or rather deg/s?"
         vertical = estimates.vertical
         if estimates.from_twist and vertical is not None and len(log.tracks.stamps) > 1:
@@ -537,11 +510,6 @@ def unit_suspicions(estimates: robot_file.LogEstimates, log: Log) -> Iterator[st
     if not in_rates and ratio is not None and not 0.5 < ratio < 2.0:
         size = f"{ratio:.3g} times that of the track speeds"
         yield f"the distance over ground is {size}, by the {estimates.wheels.distance_source}"
-
-
-def _fast_turning(imu: ImuSeries) -> float:
-    """Rate that the gyro exceeds for 1 % of the time [rad/s]."""
-    return float(np.percentile(np.abs(imu.angular_velocity), 99))
 
 
 def _track_finding(estimates: robot_file.LogEstimates) -> str:

@@ -17,7 +17,7 @@ from icreckon.replay.inspection.gyro_bias import GyroBias
 from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
 from icreckon.replay.inspection.latency import objection
 from icreckon.replay.inspection.static_frames import STATIC, Mount
-from icreckon.replay.inspection.wheels import NO_WHEELS, WheelEstimates, heading_offset
+from icreckon.replay.inspection.wheels import CLEAR_SIGN, NO_WHEELS, WheelEstimates, heading_offset
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import HeadingTopic, TopicMap, TrackTopic
 from icreckon.replay.reading.clocks import Choice
@@ -32,7 +32,6 @@ STANDING_BIAS_SIGMA = 0.002  # sigma of a standstill's gyro bias, for other logs
 FILL_IN = "# not in the log: fill in"
 CHECKED = ("unit", "wrap", "time_unit", "rate_unit", "acceleration_unit", "yaw_unit")
 """Guessed keys."""
-CLEAR_SIGN = 0.3  # least correlation of tracks and gyro that shows the sign of turning [-]
 MARGIN = 1.2  # highest speed of a robot over the fastest in a log [-]
 
 

@@ -1,7 +1,8 @@
 """First estimates of wheels, units and standstills from a log, without a filter."""
 
+import math
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,14 @@ from icreckon.estimator.log.failed_sensors import stuck_sides
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid, interpolate_poses
-from icreckon.estimator.log.series import running_integral
+from icreckon.estimator.log.series import ImuSeries, running_integral
 from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.fix_wander import fit_fixes
+from icreckon.replay.inspection.guess_topics import sides
+from icreckon.replay.mapping.topics import TopicMap
 
+CLEAR_SIGN = 0.3  # least correlation of tracks and gyro that shows the sign of turning [-]
+FAST_TURNING = 6.0  # yaw rate that a ground robot hardly exceeds [rad/s]
 GRAVITY = 9.81
 WRONG_GRAVITY = 0.03  # relative error of the mean specific force from which it is suspicious [-]
 DEGREES = (20.0, 180.0)  # ratio to odometry's yaw rates that means degrees (57.3 without slip)
@@ -178,6 +183,53 @@ def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[st
             "explains; is the gauge of its controller known?"
         ]
     return []
+
+
+def units_and_sides(mapping: TopicMap, log: Log, notes: list[str]) -> dict[str, dict[str, Any]]:
+    """Keys of [log] tables for an IMU in deg/s or g, and for sides without names.
+
+    Adds a note on each.
+    """
+    keys: dict[str, dict[str, Any]] = {}
+    if log.imu is None:
+        return keys
+    units: dict[str, Any] = {}
+    fast = fast_turning(log.imu)
+    # Limits of what is plausible in rad/s and deg/s, and in mdps.
+    in_degrees = math.degrees(FAST_TURNING)
+    for unit, least, most in (
+        ("deg/s", FAST_TURNING, in_degrees),
+        ("mdps", 10.0 * in_degrees, 1e3 * in_degrees),
+    ):
+        if least < fast < most:
+            units["rate_unit"] = unit
+            notes.append(
+                f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for {unit}"
+            )
+    mounting = imu_mounting.estimate_mounting(log)
+    if mounting is not None and mounting.specific_force is not None:
+        force = float(np.linalg.norm(mounting.specific_force))
+        for unit in ("g", "mg"):
+            if unit_of_gravity(force) == f"; in {unit}?":
+                units["acceleration_unit"] = unit
+                notes.append(f"the mean specific force is {force:.4g}: taken for {unit}")
+    if units:
+        keys["imu" if mapping.imu else "columns.imu"] = units
+    tracks = mapping.columns.tracks if mapping.columns else None
+    if tracks is not None and not any(sides([*tracks.names])):
+        turning = (mounting and mounting.turning_correlation) or 0.0
+        left, right = tracks.left, tracks.right
+        if turning < -CLEAR_SIGN:
+            left, right = right, left
+            keys["columns.tracks"] = {"left": left, "right": right}
+        shown = "by the gyro" if abs(turning) > CLEAR_SIGN else "and nothing shows whether it is"
+        notes.append(f"tracks: columns without sides: {left[0]!r} is taken for the left, {shown}")
+    return keys
+
+
+def fast_turning(imu: ImuSeries) -> float:
+    """Rate that the gyro exceeds for 1 % of the time [rad/s]."""
+    return float(np.percentile(np.abs(imu.angular_velocity), 99))
 
 
 def unit_of_gravity(force: float) -> str:

@@ -30,6 +30,8 @@ RESOLUTIONS = [10.0**digits for digits in range(15, 5, -1)]
 ROUNDING = 2e3  # largest error of a stamp by its binary digits [ns]
 SAMPLED, PLAUSIBLE_STEPS_S = ("tracks", "imu"), (5e-5, 5.0)
 """Streams of a robot's own sensors, and shortest and longest time between their samples [s]."""
+INSTANCE = "I"  # column with the number of the sensor in tables of ArduPilot
+WHOLE_DEGREES = 1e4  # beyond this whole numbers are 1e-7 deg, heights in mm (u-blox, MAVLink, PX4)
 MOST_REPEATED = 0.05  # share of repeated stamps that is reported
 # Times from here on are damage: differences of them overflow int64 nanoseconds.
 LARGEST_TIME = 2.0**62
@@ -93,6 +95,8 @@ class Table:
         if not self._table.num_rows:
             raise NoRowsError(f"{path}: the table has no rows")
         self.notes = [f"{path.name}: {note}" for note in notes]
+        if {INSTANCE, "TimeUS"} <= set(names):
+            self._keep_first_instance()
         self._leave_out_few_texts()
         self.columns = tuple(
             Column(
@@ -103,6 +107,18 @@ class Table:
             )
             for place, field in enumerate(self._table.schema)
         ) + tuple(Column(name, kind, False, len(self)) for name, kind in self._others.items())
+
+    def _keep_first_instance(self) -> None:
+        """Keep the rows of the first of several sensors alike, as ArduPilot logs them."""
+        from pyarrow import compute
+
+        instances = self._table.column(INSTANCE)
+        first = compute.min(instances)
+        of_first = compute.equal(instances, first)
+        if (others := len(self) - (compute.sum(of_first).as_py() or 0)) and first.is_valid:
+            self._table = self._table.filter(of_first)
+            text = f"{others} rows of other sensors than the first (column {INSTANCE!r} is not {first})"
+            self.notes.append(f"{self.path.name}: {text}: left out")
 
     def _leave_out_few_texts(self) -> None:
         """Make a column numbers that holds a text in few rows, which become empty."""
@@ -348,4 +364,10 @@ def _rows(spec: Columns, values: Floats) -> tuple[str, Floats]:
         yaw = values[:, 0] * RADIANS[spec.unit]
         yaw = 0.5 * np.pi - yaw if spec.clockwise else yaw
         return COLUMNS, np.column_stack([yaw, np.full(len(yaw), spec.sigma**2)])
-    return (NAVSATFIX if spec.latitude else COLUMNS), pose_rows(spec, values)
+    rows = pose_rows(spec, values)
+    if not spec.latitude:
+        return COLUMNS, rows
+    degrees = rows[:, :2][np.isfinite(rows[:, :2]).all(axis=1)]
+    if np.abs(degrees).max(initial=0.0) > WHOLE_DEGREES and not (degrees % 1.0).any():
+        rows *= (1e-7, 1e-7, 1e-3, 1.0)
+    return NAVSATFIX, rows

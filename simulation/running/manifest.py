@@ -2,14 +2,11 @@
 
 import hashlib
 import json
-import math
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
+from icreckon.estimator.base.plain_data import json_types, package_versions
 from icreckon.simulation.running.engines import Engine
 from icreckon.simulation.study.cells import Cell, Plan
 from icreckon.simulation.study.statistics import statistics
@@ -26,7 +23,7 @@ Plain = dict[str, Any]
 @cache
 def computing_versions() -> Plain:
     """Installed versions of the packages that compute."""
-    return {name: _version(name) for name in COMPUTING}
+    return package_versions(COMPUTING)
 
 
 def manifest(plan: Plan, engine: Engine) -> Plain:
@@ -36,7 +33,7 @@ def manifest(plan: Plan, engine: Engine) -> Plain:
         "format": FORMAT,
         "name": study.name,
         "digest": digest(plan, engine),
-        "configuration": plain(study),
+        "configuration": json_types(study),
         "engine": engine.name,
         "block_runs": engine.block_runs,
         "runs": study.runs,
@@ -49,7 +46,7 @@ def manifest(plan: Plan, engine: Engine) -> Plain:
         ],
         "cells": [cell.values for cell in plan.cells],
         "variants": list(plan.labels),
-        "versions": computing_versions() | {name: _version(name) for name in WRITING},
+        "versions": computing_versions() | package_versions(WRITING),
     }
 
 
@@ -89,17 +86,12 @@ def differences(old: Plain, new: Plain, table: str = "") -> list[str]:
 
 def as_json(data: Any) -> str:
     """Plain data as JSON; NaN and infinity become null."""
-    return json.dumps(_finite(data), indent=1, allow_nan=False) + "\n"
-
-
-def plain(data: Any) -> Any:
-    """Plain data of a structure, as after a round trip through JSON."""
-    return json.loads(json.dumps(msgspec.to_builtins(data)))
+    return json.dumps(json_types(data), indent=1, allow_nan=False) + "\n"
 
 
 def _cell_content(cell: Cell) -> Plain:
     """Plain data of a cell without its place in the sweep."""
-    return {key: part for key, part in plain(cell).items() if key not in ("index", "values")}
+    return {key: part for key, part in json_types(cell).items() if key not in ("index", "values")}
 
 
 def _file_digest(path: Path) -> str:
@@ -109,21 +101,3 @@ def _file_digest(path: Path) -> str:
 def _short(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def _finite(value: Any) -> Any:
-    """Plain data with None in place of NaN and infinity."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "not installed"

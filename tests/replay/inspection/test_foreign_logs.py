@@ -241,6 +241,57 @@ def test_tables_with_times_in_different_units(tmp_path: Path) -> None:
     assert log.fixes.stamps.tolist() == log.tracks.stamps.tolist()
 
 
+def test_tables_of_ardupilot_and_px4(tmp_path: Path) -> None:
+    """Axes forward, right, down; wheels by numbers, 0 left or right; two IMUs in one table."""
+    none, us = np.zeros_like(SECONDS), np.round(1e6 * SECONDS) + 12_345_678
+    rates, forces = (none, none, -TURN), (none, -SPEED * TURN, none - 9.80665)
+    places = [48.0 + Y / 111_200.0, 11.0 + X / 74_630.0, none + 520.0]
+    distances = [np.cumsum(one) * RADIUS * 0.05 for one in (LEFT, RIGHT)]
+    vector = ",".join(
+        f"{name}[{k}]" for name in ("gyro_rad", "accelerometer_m_s2") for k in range(3)
+    )
+    second = [us + 700.0, us * 1e-6 + 0.0007, none + 1.0, *(none + 0.5 for _ in range(6))]
+    first = [us, us * 1e-6, none, *rates, *forces]
+    both = np.hstack([np.column_stack(first), np.column_stack(second)]).reshape(-1, len(first))
+    tables = {
+        "ap/IMU": ("TimeUS,timestamp,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ", both),
+        "ap/WENC": (
+            "timestamp,Dist0,Qual0,Dist1,Qual1",
+            [us * 1e-6, distances[0], none, distances[1], none],
+        ),
+        "ap/GPS": ("timestamp,Status,Lat,Lng,Alt", [us * 1e-6, none + 3.0, *places]),
+        "px4/sensor_combined_0": (f"timestamp,{vector}", [us, *rates, *forces]),
+        "px4/wheel_encoders_0": ("timestamp,wheel_speed[0],wheel_speed[1]", [us, RIGHT, LEFT]),
+        "px4/vehicle_gps_position_0": (
+            "timestamp,lat,lon,alt",
+            [us, *(np.round(one) for one in (1e7 * places[0], 1e7 * places[1], 1e3 * places[2]))],
+        ),
+    }
+    for file, (names, columns) in tables.items():
+        rows = columns if isinstance(columns, np.ndarray) else np.column_stack(columns)
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        # Whole numbers have no decimals, as in the originals.
+        lines = (",".join(f"{one:.9f}".rstrip("0").rstrip(".") for one in row) for row in rows)
+        (tmp_path / f"{file}.csv").write_text("\n".join([names, *lines]), "utf-8")
+    for folder, left in (("ap", "Dist0"), ("px4", "wheel_speed[1]")):
+        found = inspect(tmp_path / folder)
+        assert (
+            f"tracks: columns without sides: {left!r} is taken for the left, by the gyro"
+            in found.notes
+        )
+        text = found.proposed_robot_file.replace("radius = nan", f"radius = {RADIUS}")
+        (robot := tmp_path / f"{folder}.toml").write_text(text.replace("= nan", "= 1.0"), "utf-8")
+        log = read_log(tmp_path / folder, load_robot(robot))
+        assert not log.dropped
+        speeds = np.column_stack([LEFT, RIGHT]) * RADIUS
+        np.testing.assert_allclose(log.tracks.speeds, speeds[-len(log.tracks.speeds) :], atol=0.003)
+        np.testing.assert_allclose(log.imu.angular_velocity[:, 2], -TURN, atol=1e-9)
+        np.testing.assert_allclose(
+            log.fixes.poses[:, :2], np.column_stack([X, Y]) - [X[0], Y[0]], atol=0.05
+        )
+        assert abs(load_robot(robot).imu.rotation_rpy_deg[0]) == pytest.approx(180.0, abs=0.1)
+
+
 @pytest.mark.parametrize("names", ["enc_l;enc_r", "encL;encR"])
 def test_counters_of_16_bits(tmp_path: Path, names: str) -> None:
     robot = tmp_path / "own.toml"
