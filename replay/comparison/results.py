@@ -138,8 +138,8 @@ def comparison_drifts(comparison: Comparison) -> Drifts:
     }
 
 
+def write_results(path: Path, results: Results) -> None:
     """Write results, which have types of JSON alone (`json_types`), as JSON."""
-    """Write results, of JSON's types, as JSON; see `icreckon.estimator.base.plain_data`."""
     text = json.dumps(results, indent=1, allow_nan=False)
     text = NUMBERS.sub(lambda numbers: "".join(numbers[0].split()), text)
     path.write_text(text + "\n", encoding="utf-8")
