@@ -9,8 +9,9 @@ import sys
 import threading
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
+from typing import NoReturn
 
 NAMES = {
     "SIGINT": "interrupted",
@@ -74,19 +75,17 @@ def stopped_in_one_line() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _leave() -> None:
-    """Print the reason, and exit with 128 + signal, without waiting for other threads."""
+def _leave() -> NoReturn:
+    """Print the reason, and exit with 128 + signal.
+
+    The interpreter is not taken down: that waits for threads, and crashes where one runs on.
+    """
     reason = NAMES[signal.Signals(Stop.number).name]
     advice = f"; {Stop.advice}" if Stop.advice else ""
     sys.stderr.write(f"icreckon: {reason}{advice}\n")
-    status = 128 + Stop.number
-    own = threading.current_thread()
-    if any(thread is not own and not thread.daemon for thread in threading.enumerate()):
-        # They have nothing on disk, and the interpreter's exit would wait for them.
+    with suppress(OSError):
         sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(status)
-    sys.exit(status)
+    os._exit(128 + Stop.number)
 
 
 @contextmanager
