@@ -28,7 +28,7 @@ LEFT = {"l", "lwheel", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
 RIGHT = {"r", "rwheel", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
 TRUE = re.compile(r"truth|ground|(?<![a-z])(?:true|gt)(?![a-z])")
 COMMAND = re.compile(
-    r"cmd|command|desired|target|setpoint|demand|request|wanted|initial_?pose"
+    r"cmd|command|desired|target|setpoint|demand|request|reference|wanted|initial_?pose"
     r"|(?<![a-z])(?:ref|sp|set|tgt|req|goal)(?![a-z])"
 )
 SPEED = re.compile(r"vel|speed|(?<!tempe)rate|omega|rpm|(?<![a-z])(?:count|tick|enc)")
@@ -38,6 +38,7 @@ NO_SPEED = re.compile(
 COUNTER = re.compile("count|tick|enc")
 UNIT_WORDS: tuple[tuple[str, TrackUnit], ...] = (
     ("wheel_speed[", "rad/s"),  # of PX4
+    ("vel_estimate", "turns/s"),  # of ODrive
     ("dist", "m"),
     ("rpm", "rpm"),
     ("/min", "rpm"),
@@ -100,7 +101,7 @@ def numbered_sides(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ..
     """
     families: dict[str, list[str]] = {}
     for name in names:
-        if is_of_wheel(name) or "dist" in name.lower():
+        if is_of_wheel(name) or any(word in name.lower() for word in ("dist", "axis")):
             families.setdefault(re.sub(r"\d+", "#", name), []).append(name)
     pairs = [family for family in families.values() if len(family) == 2]
     return ((pairs[0][0],), (pairs[0][1],)) if pairs else ((), ())
@@ -129,7 +130,7 @@ def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
             left, right = sides(names)
             if left and right:
                 return TrackTopic(topic, left=left, right=right)
-    numbers = _topic_pair(surveys) or _wheel_fields(surveys)
+    numbers = _topic_pair(surveys) or _wheel_fields(surveys) or _driver_pair(surveys)
     if numbers is not None:
         return numbers
     candidates = [
@@ -160,6 +161,21 @@ def _topic_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
             if "Int" in kind:
                 return replace(pair, unit="counts", counts_per_turn=ANY_COUNTS, wrap=wrap)
             return replace(pair, **unit_of(left[0], unknown="rad/s"))
+    return None
+
+
+def _driver_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
+    """Guess topics of two motor drivers, of one type, by their fields' names."""
+    by_type: dict[str, list[str]] = {}
+    for topic, survey in surveys.items():
+        if survey.channel.msgtype.split("/")[0] not in STANDARD and survey.messages:
+            by_type.setdefault(survey.channel.msgtype, []).append(topic)
+    for topics in by_type.values():
+        fields = [one for one in number_paths(surveys[topics[0]].messages[0]) if is_of_wheel(one)]
+        left, right = sides(topics) if any(sides(topics)) else numbered_sides(topics)
+        if fields and len(left) == len(right) == 1 and left != right:
+            pair = TrackTopic(left[0], right[0], left=(fields[0],), right=(fields[0],))
+            return replace(pair, **unit_of(fields[0], unknown="m/s"))
     return None
 
 

@@ -208,8 +208,7 @@ def _estimates(
         except ApartError:
             mapping = on_one_clock(mapping, assembled)
             log = assembled(mapping)
-        keys = wheels.units_and_sides(mapping, log, notes)
-        keys = {table: known for table, known in keys.items() if table not in sizes.log}
+        keys = wheels.units_and_sides(mapping, log, sizes.log, notes)
         in_units = _with_keys(mapping, keys) if keys else mapping
         if mapping.columns is not None and not turn_alike(log):
             in_units = on_one_clock(in_units, assembled)

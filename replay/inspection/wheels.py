@@ -1,7 +1,7 @@
 """First estimates of wheels, units and standstills from a log, without a filter."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -185,10 +185,12 @@ def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[st
     return []
 
 
-def units_and_sides(mapping: TopicMap, log: Log, notes: list[str]) -> dict[str, dict[str, Any]]:
+def units_and_sides(
+    mapping: TopicMap, log: Log, known: Collection[str], notes: list[str]
+) -> dict[str, dict[str, Any]]:
     """Keys of [log] tables for an IMU in deg/s or g, and for sides without names.
 
-    Adds a note on each.
+    `known` are the tables that a person filled in. Adds a note on each.
     """
     keys: dict[str, dict[str, Any]] = {}
     if log.imu is None:
@@ -215,16 +217,35 @@ def units_and_sides(mapping: TopicMap, log: Log, notes: list[str]) -> dict[str, 
                 notes.append(f"the mean specific force is {force:.4g}: taken for {unit}")
     if units:
         keys["imu" if mapping.imu else "columns.imu"] = units
-    tracks = mapping.columns.tracks if mapping.columns else None
-    if tracks is not None and not any(sides([*tracks.names])):
-        turning = (mounting and mounting.turning_correlation) or 0.0
-        left, right = tracks.left, tracks.right
-        if turning < -CLEAR_SIGN:
-            left, right = right, left
-            keys["columns.tracks"] = {"left": left, "right": right}
-        shown = "by the gyro" if abs(turning) > CLEAR_SIGN else "and nothing shows whether it is"
-        notes.append(f"tracks: columns without sides: {left[0]!r} is taken for the left, {shown}")
+    if not {"tracks", "columns.tracks"} & {*known}:
+        turning = mounting.turning_correlation if mounting is not None else None
+        keys |= _sides_by_turning(mapping, turning or 0.0, notes)
     return keys
+
+
+def _sides_by_turning(
+    mapping: TopicMap, turning: float, notes: list[str]
+) -> dict[str, dict[str, Any]]:
+    """Keys of [log] tables that swap sides without names if they turn against the gyro."""
+    tracks, topics = mapping.track_keys, mapping.tracks
+    if tracks is None or not tracks.left:
+        return {}
+    names = tracks.left[0], tracks.right[0]
+    if topics is not None and topics.right_topic:
+        names = topics.topic, topics.right_topic
+    if any(sides([*names])):
+        return {}
+    is_swapped = turning < -CLEAR_SIGN
+    shown = "by the gyro" if abs(turning) > CLEAR_SIGN else "and nothing shows whether it is"
+    notes.append(f"tracks: {names[is_swapped]!r} is taken for the left side, {shown}")
+    if not is_swapped:
+        return {}
+    swapped: dict[str, Any] = {"left": tracks.right, "right": tracks.left}
+    if topics is None:
+        return {"columns.tracks": swapped}
+    if topics.right_topic:
+        swapped |= {"topic": topics.right_topic, "right_topic": topics.topic}
+    return {"tracks": swapped}
 
 
 def fast_turning(imu: ImuSeries) -> float:

@@ -8,13 +8,26 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 
 TrackUnit = Literal[
-    "rad/s", "deg/s", "rpm", "m/s", "mm/s", "km/h", "rad", "deg", "turns", "counts", "m", "mm"
+    "rad/s",
+    "deg/s",
+    "rpm",
+    "turns/s",
+    "m/s",
+    "mm/s",
+    "km/h",
+    "rad",
+    "deg",
+    "turns",
+    "counts",
+    "m",
+    "mm",
 ]
 
 OF_SPROCKET = {
     "rad/s": 1.0,
     "deg/s": math.pi / 180.0,
     "rpm": 2.0 * math.pi / 60.0,
+    "turns/s": 2.0 * math.pi,
     "rad": 1.0,
     "deg": math.pi / 180.0,
     "turns": 2.0 * math.pi,

@@ -275,10 +275,7 @@ def test_tables_of_ardupilot_and_px4(tmp_path: Path) -> None:
         (tmp_path / f"{file}.csv").write_text("\n".join([names, *lines]), "utf-8")
     for folder, left in (("ap", "Dist0"), ("px4", "wheel_speed[1]")):
         found = inspect(tmp_path / folder)
-        assert (
-            f"tracks: columns without sides: {left!r} is taken for the left, by the gyro"
-            in found.notes
-        )
+        assert f"tracks: {left!r} is taken for the left side, by the gyro" in found.notes
         text = found.proposed_robot_file.replace("radius = nan", f"radius = {RADIUS}")
         (robot := tmp_path / f"{folder}.toml").write_text(text.replace("= nan", "= 1.0"), "utf-8")
         log = read_log(tmp_path / folder, load_robot(robot))
@@ -385,6 +382,55 @@ def test_numbers_of_both_sides_in_one_message(tmp_path: Path, defined: str) -> N
     tracks, field = proposed["log"]["tracks"], defined.split()[1]
     assert (tracks["left"], tracks["right"]) == ([f"left.{field}"], [f"right.{field}"])
     assert tracks["unit"] == ("rpm" if "rpm" in field else "m/s")
+
+
+@pytest.mark.parametrize(
+    ("kind", "defined", "topics", "keys"),
+    [
+        (
+            "vesc_msgs/msg/State",
+            "float64 current_motor\nfloat64 speed\nfloat64 displacement",
+            ("/vesc_left/core", "/vesc_right/core"),
+            ("speed", "m/s"),
+        ),
+        (
+            "roboteq_msgs/msg/Feedback",
+            "float32 motor_current\nfloat32 reference_velocity\nfloat32 measured_velocity",
+            ("/left/feedback", "/right/feedback"),
+            ("measured_velocity", "m/s"),
+        ),
+        (
+            "odrive_can/msg/ControllerStatus",
+            "float32 pos_estimate\nfloat32 vel_estimate\nfloat32 torque_target",
+            ("/odrive_axis1/controller_status", "/odrive_axis0/controller_status"),
+            ("vel_estimate", "turns/s"),
+        ),
+    ],
+    ids=["vesc", "roboteq", "odrive"],
+)
+def test_a_motor_driver_for_each_side(tmp_path: Path, kind, defined, topics, keys) -> None:
+    """Of drivers without sides in their names the gyro shows which is left."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(f"std_msgs/Header header\n{defined}", kind))
+    field, unit = keys
+    fields = [line.split()[1] for line in defined.splitlines()]
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        at = [writer.add_connection(topic, kind, typestore=store) for topic in topics]
+        of_imu = writer.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
+        for k in range(len(SECONDS)):
+            stamp = START + k * STEP
+            for side, values in zip(at, (LEFT, RIGHT), strict=True):
+                numbers = {name: 9.0 for name in fields} | {field: float(values[k])}
+                message = store.types[kind](header(stamp), **numbers)
+                writer.write(side, stamp, store.serialize_cdr(message, kind))
+            sample = imu(stamp, (0.0, 0.0, TURN[k]))
+            writer.write(of_imu, stamp, store.serialize_cdr(sample, "sensor_msgs/msg/Imu"))
+    found = inspect(tmp_path / "bag")
+    tracks = tomllib.loads(found.proposed_robot_file)["log"]["tracks"]
+    assert (tracks["topic"], tracks["right_topic"]) == topics
+    assert (tracks["left"], tracks["right"], tracks["unit"]) == ([field], [field], unit)
+    is_said = any("is taken for the left side, by the gyro" in note for note in found.notes)
+    assert is_said == ("axis" in topics[0])
 
 
 def test_swapped_topics_are_reported(tmp_path: Path) -> None:
