@@ -14,8 +14,8 @@ from icreckon.estimator.streaming.outputs import IcrPoints
 from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.message_types import KEY_VALUE, MARKER, POINT, STATUS
 from icreckon.replay.bags.messages import ICR_MARKERS, PLANAR, planar_covariance, six_rows
-from icreckon.replay.base.diagnostic_status import DiagnosticStatus
 from icreckon.replay.live.base_frame import Pose
+from icreckon.replay.live.diagnostic_status import DiagnosticStatus
 from icreckon.replay.live.odometry import LiveEstimate
 
 

@@ -13,8 +13,8 @@ from icreckon.estimator.base.errors import EstimatorError, IcreckonError
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.outputs import IcrPoints, icr_points
 from icreckon.replay.bags import message_types as ros
-from icreckon.replay.base.diagnostic_status import DiagnosticStatus
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.live.diagnostic_status import DiagnosticStatus
 from icreckon.replay.live.inputs import Subscription
 from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry
 from icreckon.replay.live.silence import silent_topic

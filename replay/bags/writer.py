@@ -53,12 +53,10 @@ class Outbox(NamedTuple):
     make: Callable[..., Any]
     columns: tuple[NDArray[Any], ...] = ()  # arrays (n, ...) of their numbers
     latched: bool = False  # whether who subscribes later gets the newest message, too
-    # whether messages differ in the numbers of their rows only, and hold these as float64
-    alike: bool = True
 
     def serialised(self, messages: Messages) -> Iterator[bytes]:
-        """Yield the messages as bytes."""
-        if self.alike and len(self.stamps) > 1:
+        """Yield the messages as bytes: they differ in the numbers of their rows alone."""
+        if len(self.stamps) > 1:
             of_messages = self.msgtype, self.make, self.stamps, self.columns
             yield from serialised_alike(messages, *of_messages)
             return

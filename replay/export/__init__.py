@@ -1,4 +1,4 @@
 """Export of trajectories, tables and bags for other programs.
 
-Formats: TUM, KITTI, CSV, Parquet, MCAP and ROS 1. Below: `comparison`, `mapping`, `bags`, `base`.
+Formats: TUM, CSV, Parquet, MCAP and ROS 1. Below: `comparison`, `mapping`, `bags`, `base`.
 """

@@ -1,15 +1,11 @@
 """Export of a comparison's trajectories and tables to a folder.
 
-TUM and KITTI files are for `evo` and others. TUM: one pose a line, `t x y z qx qy qz qw`, t in seconds.
-KITTI: one pose a line, the upper three rows of its 4x4 matrix in sequence, and the times in a separate
-file.
+TUM files are for `evo` and others: one pose a line, `t x y z qx qy qz qw`, t in seconds.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import Robot
@@ -27,7 +23,6 @@ ODOMETRY_FILE = "odometry.mcap"
 ROS1_FILE = "odometry.bag"
 GEOJSON_FILE = "paths.geojson"
 TRUTH = "ground_truth"
-TIMES_SUFFIX = ".times"
 
 
 def write_exports(
@@ -41,8 +36,8 @@ def write_exports(
 
     The truth is that of the best variant of a `verdict`, by its lever arm, or else as of the first
     alignment.
-    TUM and KITTI files have no heights if the truth has none: programs that compare them would take each
-    height for an error.
+    TUM files have no heights if the truth has none: programs that compare them would take each height for
+    an error.
     """
     truth, start = comparison.log.truth, comparison.log.start
     if verdict is not None:
@@ -56,8 +51,6 @@ def write_exports(
     for name, poses in paths.items():
         if "tum" in formats:
             write_tum(folder / f"{name}.tum", poses)
-        if "kitti" in formats:
-            write_kitti(folder / f"{name}.kitti", poses)
     table_formats: tuple[Format, ...] = ("csv", "parquet")
     for form in table_formats:
         if form not in formats:
@@ -87,28 +80,6 @@ def write_tum(path: Path, poses: PoseSeries) -> Path:
             # The sum turns -0.0 into 0.0.
             numbers = " ".join(f"{value + 0.0:.9f}" for value in (*position, *quaternion))
             file.write(f"{_seconds(stamp)} {numbers}\n")
-    return path
-
-
-def write_kitti(path: Path, poses: PoseSeries) -> Path:
-    """Write poses as a KITTI file, 9 decimals each, and a file of their times [s].
-
-    The axes are those of the poses (x forward, y left, z up), not those of KITTI's cameras. The times,
-    one a line, go to the same path with the suffix `.times`.
-
-    Raises:
-        ReplayError: a file exists, or cannot be written.
-    """
-    from scipy.spatial.transform import Rotation
-
-    rotations = Rotation.from_quat(poses.quaternions).as_matrix()
-    rows = np.concatenate([rotations, poses.positions[:, :, None]], axis=2).reshape(-1, 12)
-    # The sum turns -0.0 into 0.0.
-    matrices = (" ".join(f"{value + 0.0:.9f}" for value in row) for row in rows.tolist())
-    times = (_seconds(stamp) for stamp in poses.stamps.tolist())
-    for file_path, lines in ((path, matrices), (path.with_suffix(TIMES_SUFFIX), times)):
-        with new_file(file_path) as new, new.open("w", encoding="ascii", newline="\n") as file:
-            file.writelines(f"{line}\n" for line in lines)
     return path
 
 

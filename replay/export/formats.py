@@ -9,7 +9,6 @@ from icreckon.replay.base.errors import ReplayError
 # Content of each format, for help and messages.
 FORMATS = {
     "tum": "trajectories, t x y z qx qy qz qw",
-    "kitti": "trajectories, 3x4 matrices, with files of their times",
     "csv": "time series",
     "parquet": "time series",
     "mcap": "messages, for Foxglove, PlotJuggler and ROS 2",

@@ -30,7 +30,6 @@ from icreckon.replay.bags.writer import Format, Outbox, write_bag
 from icreckon.replay.base.colours import colour_of
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.plot_series import picks
-from icreckon.replay.export.diagnostics import diagnostics
 from icreckon.replay.export.log_bag import fix_messages, pose_messages
 from icreckon.replay.mapping.geodesy import Origin, degrees
 
@@ -51,8 +50,7 @@ def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Ro
     `/<variant>/pose` (geometry_msgs/PoseStamped, for viewers that draw no odometry),
     `/<variant>/path` (nav_msgs/Path), `/<variant>/icrs` (visualization_msgs/MarkerArray),
     `/<variant>/fix` (sensor_msgs/NavSatFix) if the log has an origin on the globe, `/tf`, `/fixes` that
-    were used, `/ground_truth/pose` and `/ground_truth/path`, and `/diagnostics`
-    (diagnostic_msgs/DiagnosticArray) with innovations and uncertainty.
+    were used, `/ground_truth/pose` and `/ground_truth/path`.
 
     Raises:
         ReplayError: stamps that ROS cannot hold, the path exists, or the file system refuses.
@@ -83,9 +81,6 @@ def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Ro
         ]
     if log.fixes is not None and len(log.fixes.stamps):
         outboxes.append(fix_messages(FIXES_TOPIC, log.fixes))
-    filtered = {name: run for name, run in comparison.runs.items() if run.innovation_names}
-    if filtered:
-        outboxes.append(diagnostics(filtered, robot.name))
     return write_bag(path, form, [outbox for outbox in outboxes if len(outbox.stamps)])
 
 

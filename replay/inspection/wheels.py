@@ -226,7 +226,7 @@ def units_and_sides(
 def _sides_by_turning(
     mapping: TopicMap, turning: float, notes: list[str]
 ) -> dict[str, dict[str, Any]]:
-    """Keys of [log] tables that swap sides without names if they turn against the gyro."""
+    """Keys of [log] that swap sides without names if they turn against the gyro."""
     tracks, topics = mapping.track_keys, mapping.tracks
     if tracks is None or not tracks.left:
         return {}

@@ -4,7 +4,7 @@ import math
 
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.replay.base.diagnostic_status import OK, WARN, DiagnosticStatus
+from icreckon.replay.live.diagnostic_status import OK, WARN, DiagnosticStatus
 
 LEAST_SPEED = 0.1  # track speed from which a ratio is computed [m/s]
 STUCK_BELOW, MOST_ETA = 0.35, 5.0

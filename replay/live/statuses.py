@@ -11,7 +11,7 @@ from icreckon.estimator.base.state import STATE_NAMES
 from icreckon.estimator.filter.fault_table import Finding
 from icreckon.estimator.filter.health import SensorHealth, TiltHealth
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.replay.base.diagnostic_status import (
+from icreckon.replay.live.diagnostic_status import (
     ERROR,
     LARGE_NIS,
     OK,

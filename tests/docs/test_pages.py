@@ -51,7 +51,7 @@ def test_a_simulated_log(evo: Path, tmp_path: Path) -> None:
     results = json.loads((tmp_path / "first" / "results.json").read_text(encoding="utf-8"))
     verdict = results["verdict"]
     assert {"inertia-online", "constant-online"} <= {verdict["best"], *verdict["not_shown_worse"]}
-    for name in ("page.html", "odometry.mcap", "odometry.bag", "inertia-online.kitti"):
+    for name in ("page.html", "odometry.mcap", "odometry.bag", "inertia-online.tum"):
         assert (tmp_path / "exported" / name).exists()
 
 

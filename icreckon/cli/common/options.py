@@ -75,7 +75,7 @@ Ros = Annotated[
 Formats = Annotated[
     str | None,
     Option(
-        help="Formats of the trajectories, separated by commas: tum, kitti, csv, parquet, mcap, "
+        help="Formats of the trajectories, separated by commas: tum, csv, parquet, mcap, "
         "ros1, geojson, or none (default: tum,mcap)."
     ),
 ]

@@ -19,7 +19,7 @@ from icreckon.replay.bags.writer import write_bag
 from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.comparison.compare import Comparison, compare
 from icreckon.replay.comparison.scores import truths_of
-from icreckon.replay.export.folder import write_exports, write_kitti, write_tum
+from icreckon.replay.export.folder import write_exports, write_tum
 from icreckon.replay.export.formats import DEFAULT_FORMATS, FORMATS, parse_formats
 from icreckon.replay.export.log_bag import pose_messages
 from icreckon.replay.export.replay_bag import write_replay_bag
@@ -67,36 +67,15 @@ def test_the_command_writes_what_is_asked_for_and_refuses_what_it_does_not_know(
     succeeds("simulate", "--out", "run", *words, cwd=tmp_path)
     words = ("--robot", "auriga-alpha", "--variants", "constant-online", "--out", "a")
     words = ("replay", "run", *words)
-    assert "did you mean 'kitti'" in fails(*words, "--formats", "tum,kity", cwd=tmp_path)
+    assert "did you mean 'parquet'" in fails(*words, "--formats", "tum,parket", cwd=tmp_path)
     assert not (tmp_path / "a").exists()
-    done = succeeds(*words, "--formats", "ros1,kitti,csv", cwd=tmp_path)
+    done = succeeds(*words, "--formats", "ros1,tum,csv", cwd=tmp_path)
     assert "the page to open is a/page.html" in done.stderr.replace("\n", "")
     names = {path.name for path in (tmp_path / "a").iterdir()}
     assert names == {
         *(".icreckon-files", "page.html", "figure.png", "results.json", "odometry.bag"),
-        *(
-            f"{n}.{form}"
-            for n in ("constant-online", "ground_truth")
-            for form in ("kitti", "times", "csv")
-        ),
+        *(f"{n}.{form}" for n in ("constant-online", "ground_truth") for form in ("tum", "csv")),
     }
-
-
-def test_kitti_has_twelve_numbers_a_row_and_its_times_beside(tmp_path: Path, one: Run) -> None:
-    path = write_kitti(tmp_path / "a.kitti", one.trajectory.pose_series)
-    rows = np.loadtxt(path)
-    assert rows.shape == (len(one.stamps), 12)
-    matrices = rows.reshape(-1, 3, 4)
-    rotations = matrices[:, :, :3]
-    turned = rotations @ np.swapaxes(rotations, 1, 2)
-    np.testing.assert_allclose(turned, np.broadcast_to(np.eye(3), turned.shape), atol=3e-9)
-    np.testing.assert_allclose(matrices[:, :2, 3], one.trajectory.poses[:, :2], atol=1e-9)
-    yaw = np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0])
-    np.testing.assert_allclose(np.unwrap(yaw), one.trajectory.poses[:, 2], atol=3e-9)
-    lines = (tmp_path / "a.times").read_text().split()
-    assert [int(line.replace(".", "")) for line in lines] == one.stamps.tolist()
-    with pytest.raises(ReplayError, match="--overwrite"):
-        write_kitti(path, one.trajectory.pose_series)
 
 
 def test_parquet_holds_all_of_a_run(tmp_path: Path, one: Run, robot: Robot) -> None:
@@ -175,14 +154,13 @@ def test_the_official_decoder_reads_the_mcap(messages, comparison):
     names = [name.replace("-", "_") for name in (*VARIANTS, *smoothed)]
     assert set(found) == {
         *(f"/{name}/{topic}" for name in names for topic in ("odom", "pose", "path", "icrs")),
-        *("/tf", "/fixes", "/ground_truth/pose", "/ground_truth/path", "/diagnostics"),
+        *("/tf", "/fixes", "/ground_truth/pose", "/ground_truth/path"),
     }
     assert {topic: rows[0][0] for topic, rows in found.items() if "_online" not in topic} == {
         "/tf": "tf2_msgs/msg/TFMessage",
         "/fixes": "geometry_msgs/msg/PoseWithCovarianceStamped",
         "/ground_truth/pose": "geometry_msgs/msg/PoseStamped",
         "/ground_truth/path": "nav_msgs/msg/Path",
-        "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     }
     one, truth = comparison.runs["inertia-online"], comparison.log.truth
     rows = found["/inertia_online/odom"]
@@ -234,31 +212,6 @@ def test_icr_markers_lie_in_the_frame_of_their_variant(messages, comparison, rob
             assert marker.pose.orientation.w == 1.0
 
 
-def test_diagnostics_tell_innovations_of_each_sensor(messages, comparison):
-    rows = messages["/diagnostics"]
-    assert len(rows) == pytest.approx(21, abs=1)
-    one = comparison.runs["inertia-online"]
-    for _, stamp, decoded in rows:
-        by_name = {status.name: status for status in decoded.status}
-        assert not any("smoothed" in name for name in by_name)
-        gyro = by_name["inertia-online: gyro"]
-        values = {pair.key: float(pair.value) for pair in gyro.values}
-        inside = (one.stamps <= stamp) & (one.stamps > stamp - 10 * 10**9)
-        column = one.innovations[inside, one.innovation_names.index("gyro")].astype(float)
-        known = column[np.isfinite(column)]
-        assert values["count_10s"] == len(known)
-        assert values["nis_mean_10s"] == pytest.approx((known**2).mean(), abs=6e-4)
-        assert values["normalised_innovation"] == pytest.approx(known[-1], abs=6e-4)
-        assert gyro.hardware_id == "auriga-alpha"
-        # Fixes end at 8 s: 10 s later there is nothing to say of them.
-        fixes = one.innovations[inside, one.innovation_names.index("position_x")]
-        levels = [by_name[f"inertia-online: position_{axis}"].level for axis in "xy"]
-        assert levels == ([0, 0] if np.isfinite(fixes).any() else [3, 3])
-    assert levels == [3, 3]
-    told = {pair.key: pair.value for pair in by_name["inertia-online: counts"].values}
-    assert told["gyro: used"] == str(one.health.sensors["gyro"].used)
-
-
 def test_a_bag_without_truth_fixes_and_imu(tmp_path: Path, robot: Robot) -> None:
     log = simulate(Scenario(duration=4.0, seed=4), robot)
     bare = compare(replace(log, truth=None, fixes=None, imu=None), robot, ["differential"])
@@ -281,7 +234,6 @@ def test_rosbags_reads_the_ros1_bag(tmp_path: Path, comparison: Comparison, robo
     # As `rosmsg md5` says them.
     assert digests["tf2_msgs/msg/TFMessage"] == "94810edda583a504dfda3829e70d7eec"
     assert digests["visualization_msgs/msg/MarkerArray"] == "d155b9ce5188fbaf89745847fd5882d7"
-    assert digests["diagnostic_msgs/msg/DiagnosticArray"] == "60810da900de1dd6ddd437c3503511da"
 
 
 def test_a_trajectory_comes_back(tmp_path: Path) -> None:

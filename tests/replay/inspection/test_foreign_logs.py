@@ -420,7 +420,7 @@ def test_a_motor_driver_for_each_side(tmp_path: Path, kind, defined, topics, key
         for k in range(len(SECONDS)):
             stamp = START + k * STEP
             for side, values in zip(at, (LEFT, RIGHT), strict=True):
-                numbers = {name: 9.0 for name in fields} | {field: float(values[k])}
+                numbers = dict.fromkeys(fields, 9.0) | {field: float(values[k])}
                 message = store.types[kind](header(stamp), **numbers)
                 writer.write(side, stamp, store.serialize_cdr(message, kind))
             sample = imu(stamp, (0.0, 0.0, TURN[k]))

@@ -16,7 +16,7 @@ from icreckon import EstimatorError, Log, Robot, Settings, read_log, run
 from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.streaming.save import VERSION
-from icreckon.replay.base.diagnostic_status import ERROR, OK, STALE, WARN, DiagnosticStatus
+from icreckon.replay.live.diagnostic_status import ERROR, OK, STALE, WARN, DiagnosticStatus
 from icreckon.replay.live.inputs import Subscription
 from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry, live_topics
 from icreckon.replay.live.statuses import LiveStatuses

@@ -7,7 +7,7 @@ import pytest
 
 from icreckon import STATE_NAMES, PoseEstimator, Settings, load_robot
 from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
-from icreckon.replay.base.diagnostic_status import OK, WARN, DiagnosticStatus
+from icreckon.replay.live.diagnostic_status import OK, WARN, DiagnosticStatus
 from icreckon.replay.live.manoeuvres import missing_manoeuvres
 from icreckon.replay.live.slip import SlipWatch
 from icreckon.replay.live.statuses import parameter_statuses

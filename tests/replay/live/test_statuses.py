@@ -4,7 +4,7 @@ import pytest
 
 from bag_messages import SECOND, joints, robot_with
 from icreckon import Finding, SensorHealth, load_robot
-from icreckon.replay.base.diagnostic_status import OK, STALE, WARN
+from icreckon.replay.live.diagnostic_status import OK, STALE, WARN
 from icreckon.replay.live.inputs import LiveInputs
 from icreckon.replay.live.odometry import LiveOdometry
 from icreckon.replay.live.silence import MOST_NAMES, missing_joints, silent_topic
