@@ -8,12 +8,19 @@ import numpy as np
 
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.inspection.guess_topics import (
+    ACCELEROMETER,
     NO_SPEED,
     PLACEHOLDER_SIGMA,
     SPEED,
+    axes_of,
+    first_like,
+    imu_keys,
+    in_degrees,
     is_command,
+    is_of_wheel,
     is_truth,
     numbered_sides,
+    plain_name,
     sides,
     unit_of,
 )
@@ -23,7 +30,6 @@ from icreckon.replay.mapping.columns import (
     ColumnMap,
     ImuColumns,
     PoseColumns,
-    RateUnit,
     TimeUnit,
     TrackColumns,
 )
@@ -37,25 +43,16 @@ BARE = re.compile(
     r"wheels?|tracks?|sprockets?|drives?|motors?|front|rear|back|mid(?:dle)?|side|measured|actual"
     r"|v|k?m|[cm]?m|s|ms|mps|kmh|rad|rads|deg|h|l|r|[fmrb][lr]|[lr][fmrb]|"
 )
-GYRO = re.compile(
-    r"(?:(?:^|_|^imu)(?:gyro?(?:scope)?|ang(?:ular)?_?vel(?:ocity)?|omega)|^(?:imu_?)?[wg]?)_?([xyz])$"
-)
-ACCELEROMETER = re.compile(
-    r"(?:(?:^|_)(?:imu|total|lin(?:ear)?)?acc(?:el(?:eration|erometer)?)?|^(?:imu_?)?a)_?([xyz])$"
-)
-YAW_RATE = re.compile(r"(?:^|imu_)(?:yaw_?rate|gyro(?:_?yaw)?|angular_?vel(?:ocity)?|omega)$")
 LATITUDE, LONGITUDE, ALTITUDE = (
     re.compile(rf"(^|_)({words})(_deg|_msl)?$")
     for words in ("lat(itude)?", "lon(g|gitude)?|lng", "alt(itude)?")
 )
 ACCURACY = re.compile(r"^(horizontal_?accuracy|h_?acc(uracy)?|eph|position_?(sigma|std))$")
 POSE_NAMES = ("x", "y", "yaw|heading|theta")  # patterns of the last word of a name
-UNIT = re.compile(r"_(?:m?dps|mps2?|m?g|(?:m|deg|rad)(?:_?s_?2?)?|[num]?s(?:ec)?)$")
 SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 ENDINGS: dict[str, TimeUnit] = {"ns": "ns", "nsec": "ns", "us": "us", "ms": "ms", "msec": "ms"}
 ENDINGS |= {"micros": "us", "millis": "ms"}
 LONGEST_STEP = 2.0  # longest usual time between rows [s]; whole numbers with more are no seconds
-ELEMENT = re.compile(r"(.*)\[([012])\]$")  # name of an element of a vector, as gyro_rad[0]
 
 
 class _Time(NamedTuple):
@@ -102,7 +99,7 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
 
 def _with_gravity(names: Sequence[str], table: Table) -> list[str]:
     """Names without accelerations whose mean has no gravity, as of phones."""
-    forces = _axes(names, ACCELEROMETER)
+    forces = axes_of(names, ACCELEROMETER)
     rows = table.numbers(forces) if len(forces) == 3 else np.zeros((0, 3))
     rows = rows[np.isfinite(rows).all(axis=1)]
     if not len(rows) or np.linalg.norm(rows.mean(axis=0)) > NO_GRAVITY:
@@ -115,22 +112,14 @@ def _with_file(names: Sequence[str], table: Table) -> list[str]:
     return [f"{table.path.stem}.{name}" if name in {*"xyz"} else name for name in names]
 
 
-def _plain(name: str) -> str:
-    """Lower-case name without its unit: acc_x for `Acc x [m/s²]` and `acc_g[0]`."""
-    if element := ELEMENT.match(name):
-        return f"{_plain(element[1])}_{'xyz'[int(element[2])]}"
-    without_brackets = re.sub(r"[\[(].*", "", name.lower()).strip()
-    return UNIT.sub("", re.sub(r"\W+", "_", without_brackets))
-
-
 def time_column_of(table: Table, known: str) -> str | None:
     """Column of the time: `known` if it is there, otherwise the likeliest one."""
     names = [column.name for column in table.columns]
     if known in names:
         return known
     dates = [column.name for column in table.columns if column.kind.startswith("timestamp")]
-    exact = [name for name in names if TIME.match(_plain(name))]
-    likely = [name for name in names if TIME_WORDS.search(_plain(name))]
+    exact = [name for name in names if TIME.match(plain_name(name))]
+    likely = [name for name in names if TIME_WORDS.search(plain_name(name))]
     candidates = [*exact, *dates, *likely]
     return candidates[0] if candidates else None
 
@@ -163,7 +152,13 @@ def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | N
         bare_names = {name: re.sub("left|right", " ", name.lower()) for name in likely}
         words_of = {name: re.split(r"[^a-z]+", bare) for name, bare in bare_names.items()}
         bare = [name for name, words in words_of.items() if all(map(BARE.fullmatch, words))]
-        left, right = sides(bare) if any(sides(bare)) else numbered_sides(likely)
+        left, right = (
+            sides(bare)
+            if any(sides(bare))
+            else numbered_sides(
+                [name for name in likely if is_of_wheel(name) or "dist" in name.lower()]
+            )
+        )
     if not (left and right) or len(left) != len(right):
         return None
     keys = unit_of(left[0], unknown="m/s")
@@ -173,60 +168,22 @@ def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | N
     return TrackColumns(left=left, right=right, **time._asdict(), **keys)
 
 
-def _axes(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:
-    """Names of the axes x, y, z, of z alone if there is no x, or none."""
-    # The group of the pattern is the axis.
-    by_axis = {}
-    for name in names:
-        if match := pattern.search(_plain(name)):
-            by_axis[match.group(1)] = name
-    if by_axis.keys() >= set("xyz"):
-        return by_axis["x"], by_axis["y"], by_axis["z"]
-    return (by_axis["z"],) if "z" in by_axis and "x" not in by_axis else ()
-
-
 def _imu(names: Sequence[str], time: _Time) -> ImuColumns | None:
-    """Guess the columns of rates or of a yaw rate alone, and of three specific forces."""
-    # Bare x, y and z are a position rather than rates.
-    named = [name for name in names if len(_plain(name)) > 1]
-    rates, forces = _axes(named, GYRO), _axes(named, ACCELEROMETER)
-    yaw_rate = _first(names, YAW_RATE)
-    if not rates and yaw_rate is not None:
-        rates = (yaw_rate,)
-    if not rates:
-        return None
-    unit: RateUnit = "deg/s" if any(map(_in_degrees, rates)) else "rad/s"
-    unit = "mdps" if any("mdps" in name.lower() for name in rates) else unit
-    forces = forces if len(forces) == 3 else ()
-    return ImuColumns(
-        angular_velocity=rates,
-        linear_acceleration=forces,
-        rate_unit=unit,
-        acceleration_unit="mg" if any(name.lower().endswith("_mg") for name in forces) else "m/s2",
-        **time._asdict(),
-    )
-
-
-def _first(names: Sequence[str], pattern: re.Pattern[str]) -> str | None:
-    """First name that has the pattern, lower-case and without its unit."""
-    return next((name for name in names if pattern.search(_plain(name))), None)
-
-
-def _in_degrees(name: str) -> bool:
-    """Test a name for a unit of degrees, or degrees per second."""
-    return any(word in name.lower() for word in ("deg", "dps", "°"))
+    """Guess the columns of an IMU."""
+    keys = imu_keys(names)
+    return None if keys is None else ImuColumns(**keys, **time._asdict())
 
 
 def _fixes(names: Sequence[str], time: _Time) -> PoseColumns | None:
     """Guess the columns of fixes on the globe; x and y could be odometry instead."""
-    latitude, longitude = _first(names, LATITUDE), _first(names, LONGITUDE)
+    latitude, longitude = first_like(names, LATITUDE), first_like(names, LONGITUDE)
     if latitude is None or longitude is None:
         return None
-    accuracy = _first(names, ACCURACY)
+    accuracy = first_like(names, ACCURACY)
     return PoseColumns(
         latitude=latitude,
         longitude=longitude,
-        altitude=_first(names, ALTITUDE),
+        altitude=first_like(names, ALTITUDE),
         sigma=accuracy,
         position_sigma=None if accuracy else PLACEHOLDER_SIGMA,
         **time._asdict(),
@@ -235,6 +192,6 @@ def _fixes(names: Sequence[str], time: _Time) -> PoseColumns | None:
 
 def _truth(names: Sequence[str], time: _Time) -> PoseColumns | None:
     """Guess the columns of a truth's x, y and yaw; None without a position."""
-    x, y, yaw = (_first(names, re.compile(rf"(?:^|[_.])(?:{name})$")) for name in POSE_NAMES)
-    unit: AngleUnit = "deg" if yaw and _in_degrees(yaw) else "rad"
+    x, y, yaw = (first_like(names, re.compile(rf"(?:^|[_.])(?:{name})$")) for name in POSE_NAMES)
+    unit: AngleUnit = "deg" if yaw and in_degrees(yaw) else "rad"
     return PoseColumns(x=x, y=y, yaw=yaw, yaw_unit=unit, **time._asdict()) if x and y else None

@@ -35,6 +35,15 @@ SPEED = re.compile(r"vel|speed|(?<!tempe)rate|omega|rpm|(?<![a-z])(?:count|tick|
 NO_SPEED = re.compile(
     r"current(?!_?(?:vel|speed|rate|rpm))|volt|temp|torque|effort|power|pwm|duty|throttle|error|accel"
 )
+GYRO = re.compile(
+    r"(?:(?:^|_|^imu)(?:gyro?(?:scope)?|ang(?:ular)?_?vel(?:ocity)?|omega)|^(?:imu_?)?[wg]?)_?([xyz])$"
+)
+ACCELEROMETER = re.compile(
+    r"(?:(?:^|_)(?:imu|total|lin(?:ear)?)?acc(?:el(?:eration|erometer)?)?|^(?:imu_?)?a)_?([xyz])$"
+)
+YAW_RATE = re.compile(r"(?:^|imu_)(?:yaw_?rate|gyro(?:_?yaw)?|angular_?vel(?:ocity)?|omega)$")
+UNIT = re.compile(r"_(?:m?dps|mps2?|m?g|(?:m|deg|rad)(?:_?s_?2?)?|[num]?s(?:ec)?)$")
+ELEMENT = re.compile(r"(.*)\[([012])\]$")  # name of an element of a vector, as gyro_rad[0]
 COUNTER = re.compile("count|tick|enc")
 UNIT_WORDS: tuple[tuple[str, TrackUnit], ...] = (
     ("wheel_speed[", "rad/s"),  # of PX4
@@ -95,16 +104,67 @@ def sides(names: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def numbered_sides(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Select two names of wheels that differ in a number alone, as Dist0 and Dist1.
+    """Select two names that differ in a number alone, as Dist0 and Dist1.
 
     Which is left differs: 0 is the right wheel of PX4.
     """
     families: dict[str, list[str]] = {}
     for name in names:
-        if is_of_wheel(name) or any(word in name.lower() for word in ("dist", "axis")):
-            families.setdefault(re.sub(r"\d+", "#", name), []).append(name)
+        families.setdefault(re.sub(r"\d+", "#", name), []).append(name)
     pairs = [family for family in families.values() if len(family) == 2]
     return ((pairs[0][0],), (pairs[0][1],)) if pairs else ((), ())
+
+
+def imu_keys(names: Sequence[str]) -> dict[str, Any] | None:
+    """Keys of [log.imu] by the names of rates, or a yaw rate alone, and of forces."""
+    # Bare x, y and z are a position rather than rates.
+    named = [name for name in names if len(plain_name(name)) > 1]
+    rates, forces = axes_of(named, GYRO), axes_of(named, ACCELEROMETER)
+    yaw_rate = first_like(names, YAW_RATE)
+    if not rates and yaw_rate is not None:
+        rates = (yaw_rate,)
+    if not rates:
+        return None
+    rate_unit = "deg/s" if any(map(in_degrees, rates)) else "rad/s"
+    forces = forces if len(forces) == 3 else ()
+    return {
+        "angular_velocity": rates,
+        "linear_acceleration": forces,
+        "rate_unit": "mdps" if any("mdps" in name.lower() for name in rates) else rate_unit,
+        "acceleration_unit": "mg"
+        if any(name.lower().endswith("_mg") for name in forces)
+        else "m/s2",
+    }
+
+
+def plain_name(name: str) -> str:
+    """Lower-case name without its unit: acc_x for `Acc x [m/s²]` and `acc_g[0]`."""
+    if element := ELEMENT.match(name):
+        return f"{plain_name(element[1])}_{'xyz'[int(element[2])]}"
+    without_brackets = re.sub(r"[\[(].*", "", name.lower()).strip()
+    return UNIT.sub("", re.sub(r"\W+", "_", without_brackets))
+
+
+def axes_of(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:
+    """Names of the axes x, y, z, of z alone if there is no x, or none."""
+    # The group of the pattern is the axis.
+    by_axis = {}
+    for name in names:
+        if match := pattern.search(plain_name(name)):
+            by_axis[match.group(1)] = name
+    if by_axis.keys() >= set("xyz"):
+        return by_axis["x"], by_axis["y"], by_axis["z"]
+    return (by_axis["z"],) if "z" in by_axis and "x" not in by_axis else ()
+
+
+def first_like(names: Sequence[str], pattern: re.Pattern[str]) -> str | None:
+    """First name that has the pattern, lower-case and without its unit."""
+    return next((name for name in names if pattern.search(plain_name(name))), None)
+
+
+def in_degrees(name: str) -> bool:
+    """Test a name for a unit of degrees, or degrees per second."""
+    return any(word in name.lower() for word in ("deg", "dps", "°"))
 
 
 def is_truth(topic: str) -> bool:
@@ -168,10 +228,10 @@ def _driver_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     """Guess topics of two motor drivers, of one type, by their fields' names."""
     by_type: dict[str, list[str]] = {}
     for topic, survey in surveys.items():
-        if survey.channel.msgtype.split("/")[0] not in STANDARD and survey.messages:
+        if _is_special(survey):
             by_type.setdefault(survey.channel.msgtype, []).append(topic)
     for topics in by_type.values():
-        fields = [one for one in number_paths(surveys[topics[0]].messages[0]) if is_of_wheel(one)]
+        fields = [path for path in _paths(surveys[topics[0]]) if is_of_wheel(path)]
         left, right = sides(topics) if any(sides(topics)) else numbered_sides(topics)
         if fields and len(left) == len(right) == 1 and left != right:
             pair = TrackTopic(left[0], right[0], left=(fields[0],), right=(fields[0],))
@@ -182,14 +242,25 @@ def _driver_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
 def _wheel_fields(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     """Guess a topic with fields that are named like speeds or counts of both sides."""
     for topic, survey in surveys.items():
-        if survey.channel.msgtype.split("/")[0] in STANDARD or not survey.messages:
+        if not (_is_special(survey) or survey.channel.msgtype.endswith("MultiArray")):
             continue
-        paths = number_paths(survey.messages[0])
-        left, right = sides([path for path in paths if is_of_wheel(f"{topic} {path}")])
+        paths = [path for path in _paths(survey) if is_of_wheel(f"{topic} {path}")]
+        left, right = sides(paths) if any(sides(paths)) else numbered_sides(paths)
         if left and len(left) == len(right) and not {*left} & {*right}:
             track = TrackTopic(topic, left=left, right=right)
-            return replace(track, **unit_of(left[0], unknown="m/s"))
+            name = topic if left[0].startswith("data") else left[0]
+            return replace(track, **unit_of(name, unknown="m/s"))
     return None
+
+
+def _is_special(survey: Survey) -> bool:
+    """Test for messages of a type that is no standard one."""
+    return survey.channel.msgtype.split("/")[0] not in STANDARD
+
+
+def _paths(survey: Survey) -> list[str]:
+    """Paths of the numbers of a topic; none without a message."""
+    return number_paths(survey.messages[0]) if survey.messages else []
 
 
 def unit_of(name: str, unknown: TrackUnit) -> dict[str, Any]:
@@ -244,14 +315,23 @@ def _heading(surveys: Mapping[str, Survey]) -> HeadingTopic | None:
 
 
 def _imu(surveys: Mapping[str, Survey]) -> ImuTopic | None:
-    """Guess the Imu topic with most rates, and a topic of accelerations alone."""
+    """Guess the Imu topic with most rates, and a topic of accelerations alone.
+
+    Without an Imu, fields of another type that are named like rates and forces.
+    """
     imus = {topic: one for topic, one in surveys.items() if one.channel.msgtype == ros.IMU}
     counts = {topic: len(one.recorded) for topic, one in imus.items() if _measures_rates(one)}
-    if not counts:
+    if counts:
+        topic = max(counts, key=lambda topic: counts[topic])
+        apart = (one for one in imus if one not in counts and _measures_forces(imus[one]))
+        return ImuTopic(topic, None if _measures_forces(imus[topic]) else next(apart, None))
+    special = [topic for topic, survey in surveys.items() if _is_special(survey)]
+    keys = {topic: imu_keys(_paths(surveys[topic])) for topic in special}
+    found = [(len(named["linear_acceleration"]), topic) for topic, named in keys.items() if named]
+    if not found:
         return None
-    topic = max(counts, key=lambda topic: counts[topic])
-    apart = (one for one in imus if one not in counts and _measures_forces(imus[one]))
-    return ImuTopic(topic, None if _measures_forces(imus[topic]) else next(apart, None))
+    _, topic = max(found)
+    return ImuTopic(topic, **(keys[topic] or {}))
 
 
 def other_positions(surveys: Iterable[Survey], mapping: TopicMap) -> list[str]:

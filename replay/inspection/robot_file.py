@@ -315,6 +315,9 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
         rate, force = mapping.imu.rate_unit, mapping.imu.acceleration_unit
         apart = mapping.imu.acceleration_topic
         keys_of["imu"] = [f"acceleration_topic = {toml_value(apart)}"] if apart else []
+        for key in ("angular_velocity", "linear_acceleration"):
+            if fields := getattr(mapping.imu, key):
+                keys_of["imu"].append(f"{key} = {toml_value(fields)}")
         keys_of["imu"] += [f'rate_unit = "{rate}"'] if rate != "rad/s" else []
         keys_of["imu"] += [f'acceleration_unit = "{force}"'] if force != "m/s2" else []
     if mapping.fixes:

@@ -9,6 +9,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats
 from icreckon.replay.base.errors import ReplayError
 
+SHORT = 4  # most elements of an array that are listed one by one
 STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
 
 
@@ -56,14 +57,18 @@ def _fields_of(value: Any) -> str:
 
 
 def number_paths(message: Any, depth: int = 3) -> list[str]:
-    """List the paths of the numbers of a message, without arrays, to a depth."""
+    """List the paths of the numbers of a message to a depth, and of short arrays."""
     paths: list[str] = []
     for name in getattr(message, "__dataclass_fields__", ()):
         value = getattr(message, name)
-        if isinstance(value, int | float | np.number) and name[:2] != "__":
-            paths.append(name)
-        elif depth > 1:
-            paths += [f"{name}.{path}" for path in number_paths(value, depth - 1)]
+        parts = [(name, value)]
+        if isinstance(value, list | tuple | np.ndarray) and len(value) <= SHORT:
+            parts = [(f"{name}[{place}]", part) for place, part in enumerate(value)]
+        for path, part in parts:
+            if isinstance(part, int | float | np.number) and name[:2] != "__":
+                paths.append(path)
+            elif depth > 1:
+                paths += [f"{path}.{inner}" for inner in number_paths(part, depth - 1)]
     return paths
 
 

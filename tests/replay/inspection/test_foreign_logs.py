@@ -433,6 +433,53 @@ def test_a_motor_driver_for_each_side(tmp_path: Path, kind, defined, topics, key
     assert is_said == ("axis" in topics[0])
 
 
+def test_px4_over_ros_2(tmp_path: Path) -> None:
+    """Vectors of messages without a header; element 0 is the right wheel."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kinds = {
+        "px4_msgs/msg/SensorCombined": "uint64 timestamp\nfloat32[3] gyro_rad\n"
+        "float32[3] accelerometer_m_s2",
+        "px4_msgs/msg/WheelEncoders": "uint64 timestamp\nfloat32[2] wheel_speed\nfloat32[2] wheel_angle",
+    }
+    for kind, defined in kinds.items():
+        store.register(get_types_from_msg(defined, kind))
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = [
+            writer.add_connection(f"/fmu/{kind[-8:]}", kind, typestore=store) for kind in kinds
+        ]
+        for k in range(len(SECONDS)):
+            vectors = (
+                [(0.0, 0.0, -TURN[k]), (0.0, -SPEED[k] * TURN[k], -9.80665)],
+                [(RIGHT[k], LEFT[k]), (9.0, 9.0)],
+            )
+            for topic, kind, rows in zip(topics, kinds, vectors, strict=True):
+                arrays = [np.array(row, np.float32) for row in rows]
+                data = store.serialize_cdr(store.types[kind](k, *arrays), kind)
+                writer.write(topic, START + k * STEP, data)
+    found = inspect(tmp_path / "bag")
+    text = found.proposed_robot_file.replace("radius = nan", f"radius = {RADIUS}")
+    (robot := tmp_path / "robot.toml").write_text(text.replace("= nan", "= 1.0"), "utf-8")
+    log = read_log(tmp_path / "bag", load_robot(robot))
+    speeds = np.column_stack([LEFT, RIGHT]) * RADIUS
+    np.testing.assert_allclose(log.tracks.speeds, speeds, atol=1e-6)
+    np.testing.assert_allclose(log.imu.angular_velocity[:, 2], -TURN, atol=1e-6)
+    np.testing.assert_allclose(log.imu.linear_acceleration[:, 2], -9.80665, atol=1e-6)
+
+
+def test_ticks_of_both_wheels_in_an_array(tmp_path: Path) -> None:
+    layout = T["std_msgs/msg/MultiArrayLayout"]([], 0)
+    ticks = np.cumsum(np.column_stack([LEFT, RIGHT]) * 20.0, axis=0).astype(np.int32)
+    messages, times = [], []
+    for k in range(len(SECONDS)):
+        stamp = START + k * STEP
+        messages.append(("/wheel_ticks", T["std_msgs/msg/Int32MultiArray"](layout, ticks[k])))
+        messages.append(("/imu", imu(stamp, (0.0, 0.0, TURN[k]))))
+        times += [stamp] * 2
+    found = inspect(write_bag(tmp_path / "bag", messages, times=times))
+    tracks = tomllib.loads(found.proposed_robot_file)["log"]["tracks"]
+    assert (tracks["left"], tracks["right"], tracks["unit"]) == (["data[0]"], ["data[1]"], "counts")
+
+
 def test_swapped_topics_are_reported(tmp_path: Path) -> None:
     findings = inspect(counters(tmp_path / "bag", "/enc_right", "/enc_left")).findings
     assert any("turn the other way than the gyro" in one for one in findings)
