@@ -10,10 +10,10 @@ from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.inspection.guess_topics import (
     ACCELEROMETER,
     NO_SPEED,
-    PLACEHOLDER_SIGMA,
     SPEED,
     axes_of,
     first_like,
+    fix_keys,
     imu_keys,
     in_degrees,
     is_command,
@@ -43,11 +43,6 @@ BARE = re.compile(
     r"wheels?|tracks?|sprockets?|drives?|motors?|front|rear|back|mid(?:dle)?|side|measured|actual"
     r"|v|k?m|[cm]?m|s|ms|mps|kmh|rad|rads|deg|h|l|r|[fmrb][lr]|[lr][fmrb]|"
 )
-LATITUDE, LONGITUDE, ALTITUDE = (
-    re.compile(rf"(^|_)({words})(_deg|_msl)?$")
-    for words in ("lat(itude)?", "lon(g|gitude)?|lng", "alt(itude)?")
-)
-ACCURACY = re.compile(r"^(horizontal_?accuracy|h_?acc(uracy)?|eph|position_?(sigma|std))$")
 POSE_NAMES = ("x", "y", "yaw|heading|theta")  # patterns of the last word of a name
 SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 ENDINGS: dict[str, TimeUnit] = {"ns": "ns", "nsec": "ns", "us": "us", "ms": "ms", "msec": "ms"}
@@ -176,18 +171,8 @@ def _imu(names: Sequence[str], time: _Time) -> ImuColumns | None:
 
 def _fixes(names: Sequence[str], time: _Time) -> PoseColumns | None:
     """Guess the columns of fixes on the globe; x and y could be odometry instead."""
-    latitude, longitude = first_like(names, LATITUDE), first_like(names, LONGITUDE)
-    if latitude is None or longitude is None:
-        return None
-    accuracy = first_like(names, ACCURACY)
-    return PoseColumns(
-        latitude=latitude,
-        longitude=longitude,
-        altitude=first_like(names, ALTITUDE),
-        sigma=accuracy,
-        position_sigma=None if accuracy else PLACEHOLDER_SIGMA,
-        **time._asdict(),
-    )
+    keys = fix_keys(names)
+    return None if keys is None else PoseColumns(**keys, **time._asdict())
 
 
 def _truth(names: Sequence[str], time: _Time) -> PoseColumns | None:

@@ -42,8 +42,14 @@ ACCELEROMETER = re.compile(
     r"(?:(?:^|_)(?:imu|total|lin(?:ear)?)?acc(?:el(?:eration|erometer)?)?|^(?:imu_?)?a)_?([xyz])$"
 )
 YAW_RATE = re.compile(r"(?:^|imu_)(?:yaw_?rate|gyro(?:_?yaw)?|angular_?vel(?:ocity)?|omega)$")
+LATITUDE, LONGITUDE, ALTITUDE = (
+    re.compile(rf"(^|_)({words})(_deg|_msl)?$")
+    for words in ("lat(itude)?", "lon(g|gitude)?|lng", "alt(itude)?")
+)
+ACCURACY = re.compile(r"^(horizontal_?accuracy|h_?acc(uracy)?|eph|position_?(sigma|std))$")
 UNIT = re.compile(r"_(?:m?dps|mps2?|m?g|(?:m|deg|rad)(?:_?s_?2?)?|[num]?s(?:ec)?)$")
 ELEMENT = re.compile(r"(.*)\[([012])\]$")  # name of an element of a vector, as gyro_rad[0]
+RECEIVER = re.compile("gps|gnss|fix|navpvt")
 COUNTER = re.compile("count|tick|enc")
 UNIT_WORDS: tuple[tuple[str, TrackUnit], ...] = (
     ("wheel_speed[", "rad/s"),  # of PX4
@@ -135,6 +141,16 @@ def imu_keys(names: Sequence[str]) -> dict[str, Any] | None:
         if any(name.lower().endswith("_mg") for name in forces)
         else "m/s2",
     }
+
+
+def fix_keys(names: Sequence[str]) -> dict[str, Any] | None:
+    """Keys of [log.fixes] by the names of places on the globe and their accuracy."""
+    latitude, longitude = first_like(names, LATITUDE), first_like(names, LONGITUDE)
+    if latitude is None or longitude is None:
+        return None
+    accuracy = first_like(names, ACCURACY)
+    keys = {"latitude": latitude, "longitude": longitude, "altitude": first_like(names, ALTITUDE)}
+    return keys | {"sigma": accuracy, "position_sigma": None if accuracy else PLACEHOLDER_SIGMA}
 
 
 def plain_name(name: str) -> str:
@@ -353,7 +369,11 @@ def _fixes(surveys: Mapping[str, Survey]) -> FixTopic | None:
         rows = map(GEODETIC_READERS[ros.NAVSATFIX], has_fix)
         has_sigma = any(row is not None and np.isfinite(row[-1]) for row in rows)
     else:
-        return None
+        special = [topic for topic, survey in surveys.items() if _is_special(survey)]
+        # Receivers first: other places may be those of a filter.
+        special.sort(key=lambda topic: not RECEIVER.search(topic.lower()))
+        found = ((topic, fix_keys(_paths(surveys[topic]))) for topic in special)
+        return next((FixTopic(topic, **keys) for topic, keys in found if keys), None)
     return FixTopic(topic, position_sigma=None if has_sigma else PLACEHOLDER_SIGMA)
 
 

@@ -1,6 +1,6 @@
 """Proposed robot file: values estimated from a log, and placeholders for the rest."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -315,9 +315,7 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
         rate, force = mapping.imu.rate_unit, mapping.imu.acceleration_unit
         apart = mapping.imu.acceleration_topic
         keys_of["imu"] = [f"acceleration_topic = {toml_value(apart)}"] if apart else []
-        for key in ("angular_velocity", "linear_acceleration"):
-            if fields := getattr(mapping.imu, key):
-                keys_of["imu"].append(f"{key} = {toml_value(fields)}")
+        keys_of["imu"] += _named(mapping.imu, ("angular_velocity", "linear_acceleration"))
         keys_of["imu"] += [f'rate_unit = "{rate}"'] if rate != "rad/s" else []
         keys_of["imu"] += [f'acceleration_unit = "{force}"'] if force != "m/s2" else []
     if mapping.fixes:
@@ -326,7 +324,8 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
         errors = [f"position_sigma = {sigma}    {FILL_IN} (m)"]
         if sigma is None or wander:
             errors = wander
-        keys_of["fixes"] = [hint, *errors]
+        names = _named(mapping.fixes, ("latitude", "longitude", "altitude", "sigma"))
+        keys_of["fixes"] = [hint, *names, *errors]
         if any(mapping.fixes.position):
             place = _metres(mapping.fixes.position)
             keys_of["fixes"].append(f"position = {place}    # m, of the antenna, by /{STATIC}")
@@ -344,6 +343,11 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
             lines.append(f'time = "recording"    # {choice.reason}')
         lines += latency if purpose == "tracks" else []
     return lines[1:]
+
+
+def _named(topic: Any, keys: Sequence[str]) -> list[str]:
+    """Keys of a topic that name fields of its messages."""
+    return [f"{key} = {toml_value(value)}" for key in keys if (value := getattr(topic, key))]
 
 
 def _fit_lines(fit: FixFit | None, known: tuple[float, float]) -> list[str]:

@@ -36,6 +36,7 @@ ACCELERATIONS: dict[AccelerationUnit, float] = {
     "mg": 1e-3 * STANDARD_GRAVITY,
 }
 WORSE = 3.0  # stated sigma over the median from which a position is no truth, as of a float fix [-]
+WHOLE_DEGREES = 1e4  # beyond this whole numbers are 1e-7 deg, heights in mm (u-blox, MAVLink, PX4)
 NO_HEADING_VARIANCE = 1e3  # yaw variance [rad²] from which a fix is assumed to have no heading
 
 
@@ -78,7 +79,11 @@ def pose_rows(spec: FixTopic | PoseColumns, rows: Floats) -> Floats:
     variance = values[spec.sigma] ** 2 if spec.sigma else unknown
     if spec.latitude and spec.longitude:
         altitude = values[spec.altitude] if spec.altitude else unknown
-        return np.column_stack([values[spec.latitude], values[spec.longitude], altitude, variance])
+        places = np.column_stack([values[spec.latitude], values[spec.longitude], altitude])
+        degrees = places[:, :2][np.isfinite(places[:, :2]).all(axis=1)]
+        if np.abs(degrees).max(initial=0.0) > WHOLE_DEGREES and not (degrees % 1.0).any():
+            places *= (1e-7, 1e-7, 1e-3)
+        return np.column_stack([places, variance])
     yaw = values[spec.yaw] * RADIANS[spec.yaw_unit] if spec.yaw else unknown
     x, y = values[spec.x or ""], values[spec.y or ""]
     return np.column_stack([x, y, yaw_to_quaternion(yaw), variance, *([unknown] * 5)])

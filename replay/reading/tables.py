@@ -31,7 +31,6 @@ ROUNDING = 2e3  # largest error of a stamp by its binary digits [ns]
 SAMPLED, PLAUSIBLE_STEPS_S = ("tracks", "imu"), (5e-5, 5.0)
 """Streams of a robot's own sensors, and shortest and longest time between their samples [s]."""
 INSTANCE = "I"  # column with the number of the sensor in tables of ArduPilot
-WHOLE_DEGREES = 1e4  # beyond this whole numbers are 1e-7 deg, heights in mm (u-blox, MAVLink, PX4)
 MOST_REPEATED = 0.05  # share of repeated stamps that is reported
 # Times from here on are damage: differences of them overflow int64 nanoseconds.
 LARGEST_TIME = 2.0**62
@@ -364,10 +363,4 @@ def _rows(spec: Columns, values: Floats) -> tuple[str, Floats]:
         yaw = values[:, 0] * RADIANS[spec.unit]
         yaw = 0.5 * np.pi - yaw if spec.clockwise else yaw
         return COLUMNS, np.column_stack([yaw, np.full(len(yaw), spec.sigma**2)])
-    rows = pose_rows(spec, values)
-    if not spec.latitude:
-        return COLUMNS, rows
-    degrees = rows[:, :2][np.isfinite(rows[:, :2]).all(axis=1)]
-    if np.abs(degrees).max(initial=0.0) > WHOLE_DEGREES and not (degrees % 1.0).any():
-        rows *= (1e-7, 1e-7, 1e-3, 1.0)
-    return NAVSATFIX, rows
+    return (NAVSATFIX if spec.latitude else COLUMNS), pose_rows(spec, values)

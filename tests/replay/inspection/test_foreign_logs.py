@@ -434,27 +434,27 @@ def test_a_motor_driver_for_each_side(tmp_path: Path, kind, defined, topics, key
 
 
 def test_px4_over_ros_2(tmp_path: Path) -> None:
-    """Vectors of messages without a header; element 0 is the right wheel."""
+    """Vectors of messages without a header, element 0 the right wheel; places in 1e-7 deg and mm."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     kinds = {
-        "px4_msgs/msg/SensorCombined": "uint64 timestamp\nfloat32[3] gyro_rad\n"
-        "float32[3] accelerometer_m_s2",
-        "px4_msgs/msg/WheelEncoders": "uint64 timestamp\nfloat32[2] wheel_speed\nfloat32[2] wheel_angle",
+        "px4_msgs/msg/SensorCombined": "float32[3] gyro_rad\nfloat32[3] accelerometer_m_s2",
+        "px4_msgs/msg/WheelEncoders": "float32[2] wheel_speed\nfloat32[2] wheel_angle",
+        "px4_msgs/msg/SensorGps": "int32 lat\nint32 lon\nint32 alt\nfloat32 eph",
     }
     for kind, defined in kinds.items():
-        store.register(get_types_from_msg(defined, kind))
+        store.register(get_types_from_msg(f"uint64 timestamp\n{defined}", kind))
+    places = np.column_stack([48.0 + Y / 111_200.0, 11.0 + X / 74_630.0]) * 1e7
     with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         topics = [
             writer.add_connection(f"/fmu/{kind[-8:]}", kind, typestore=store) for kind in kinds
         ]
         for k in range(len(SECONDS)):
-            vectors = (
-                [(0.0, 0.0, -TURN[k]), (0.0, -SPEED[k] * TURN[k], -9.80665)],
-                [(RIGHT[k], LEFT[k]), (9.0, 9.0)],
-            )
-            for topic, kind, rows in zip(topics, kinds, vectors, strict=True):
-                arrays = [np.array(row, np.float32) for row in rows]
-                data = store.serialize_cdr(store.types[kind](k, *arrays), kind)
+            vectors = [[(0.0, 0.0, -TURN[k]), (0.0, -SPEED[k] * TURN[k], -9.80665)]]
+            vectors.append([(RIGHT[k], LEFT[k]), (9.0, 9.0)])
+            fields = [[np.array(row, np.float32) for row in rows] for rows in vectors]
+            fields.append([*places[k].round().astype(int).tolist(), 520_000, 0.05])
+            for topic, kind, values in zip(topics, kinds, fields, strict=True):
+                data = store.serialize_cdr(store.types[kind](k, *values), kind)
                 writer.write(topic, START + k * STEP, data)
     found = inspect(tmp_path / "bag")
     text = found.proposed_robot_file.replace("radius = nan", f"radius = {RADIUS}")
@@ -464,6 +464,8 @@ def test_px4_over_ros_2(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.tracks.speeds, speeds, atol=1e-6)
     np.testing.assert_allclose(log.imu.angular_velocity[:, 2], -TURN, atol=1e-6)
     np.testing.assert_allclose(log.imu.linear_acceleration[:, 2], -9.80665, atol=1e-6)
+    at = np.column_stack([X, Y]) - [X[0], Y[0]]
+    np.testing.assert_allclose(log.fixes.poses[:, :2], at, atol=0.05)
 
 
 def test_ticks_of_both_wheels_in_an_array(tmp_path: Path) -> None:
