@@ -43,8 +43,8 @@ from icreckon.replay.checking.check import (
 )
 from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.latency import (
-    LEAST_OFFSET,
-    clock_offset,
+    clock_fit,
+    clock_keys,
     objection,
     track_latency,
     without_lag,
@@ -223,16 +223,17 @@ def _clear_turning(
 def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate: Floats) -> Check:
     """Check of tracks without a clear correlation: clock, gauge, or a side?"""
     tracks = mapped_tracks(robot)
-    offset = clock_offset(log.tracks, imu, rate) or 0.0
-    if abs(offset) >= LEAST_OFFSET:
+    fit = clock_fit(log.tracks, imu, rate)
+    if fit is not None and fit.is_apart:
         table = mapped_table(robot, "tracks")
-        moved = without_lag(log.tracks, Lag(offset, 0.0))
+        moved = fit.undone(log.tracks)
         remedy, settings = f'time = "recording" in [{table}]', Settings()
         if isinstance(tracks, TrackColumns):
-            settings = {f"{table}.clock_offset": round(tracks.clock_offset + offset, 2)}
-            remedy = f"clock_offset = {tracks.clock_offset + offset:.2f} in [{table}]"
+            keys = clock_keys(tracks, fit)
+            settings = {f"{table}.{key}": value for key, value in keys.items()}
+            remedy = f"{', '.join(f'{key} = {value}' for key, value in keys.items())} in [{table}]"
         return check.contradicted(
-            f"the tracks' clock is {offset:+.2f} s off the IMU's",
+            f"the tracks' clock is {fit.offset:+.2f} s off the IMU's",
             remedy,
             lambda log, robot: (replace(log, tracks=moved), robot),
             settings,

@@ -41,7 +41,6 @@ from icreckon.replay.inspection.latency import (
     on_one_clock,
     track_latency,
     truth_lag,
-    turn_alike,
     without_lag,
 )
 from icreckon.replay.mapping.columns import ColumnMap
@@ -210,7 +209,8 @@ def _estimates(
             log = assembled(mapping)
         keys = wheels.units_and_sides(mapping, log, sizes.log, notes)
         in_units = _with_keys(mapping, keys) if keys else mapping
-        if mapping.columns is not None and not turn_alike(log):
+        # A table with one time has one clock.
+        if mapping.columns and (len(paths) > 1 or mapping.columns.has_times):
             in_units = on_one_clock(in_units, assembled)
         if in_units is not mapping:
             mapping = in_units
@@ -426,7 +426,8 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
             yield f"truth: headings {fault}: a replay scores positions alone"
     yield from (note for note in log.notes if any(words in note for words in OF_THE_FILE))
     if mapping.columns and (tracks := mapping.columns.tracks) and tracks.clock_offset:
-        yield f"tracks: their clock is {tracks.clock_offset:+.2f} s off the IMU's, by yaw rates"
+        drift = f", and gains {1e3 * tracks.clock_drift:.2f} ms/s" if tracks.clock_drift else ""
+        yield f"tracks: their clock is {tracks.clock_offset:+.2f} s off the IMU's{drift}, by yaw rates"
     for purpose, latency in estimates.latencies.items():
         yield _lag_finding(purpose, latency, by_yaw_rate=purpose != "truth" or fault is None)
     if mapping.lacks_counts_per_turn:

@@ -7,7 +7,7 @@ of slip in that time. The estimate needs neither truth nor fixes.
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from msgspec import structs
@@ -33,12 +33,8 @@ from icreckon.estimator.log.series import (
     Truth,
     running_integral,
 )
-from icreckon.replay.inspection.imu_mounting import (
-    CLEAR_TURNING,
-    are_usable,
-    estimate_mounting,
-    vertical_rate,
-)
+from icreckon.replay.inspection.imu_mounting import are_usable, estimate_mounting, vertical_rate
+from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.topics import TopicMap
 
 _Series = TypeVar("_Series", TrackSpeedSeries, PoseSeries)
@@ -47,6 +43,9 @@ LEAST_LATENCY = 0.03  # smallest size of a latency that is proposed [s]
 LEAST_OFFSET = 1.0  # least offset of a clock; less is a latency [s]
 STEP, LEAST_OVERLAP = 0.1, 60.0  # time between yaw rates that are compared, and least overlap [s]
 LONGEST = 1e6  # longest series that is compared [s]
+DRIFTS = np.linspace(-0.006, 0.006, 25).round(4).tolist()  # candidate drifts of a clock [s/s]
+LEAST_CHANGE, CLEAR_CHANGE = 0.1, 5.0
+"""Least change of the lag in half a log that is a drift of the clock [s], and in standard errors."""
 CLEAR, NEXT, APART = 0.7, 0.8, 5.0
 """Least correlation at which clocks fit, its largest share at other offsets, how far these are [s]."""
 
@@ -82,20 +81,85 @@ def truth_lag(truth: Truth, tracks: TrackSpeedSeries, imu: ImuSeries, rate: Floa
     return find_lag(places_of(truth.poses), places_of(plain_path(tracks, imu, rate)))
 
 
-def clock_offset(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> float | None:
-    """Time by which the clock of the tracks is ahead of the IMU's, by yaw rates [s].
+class ClockFit(NamedTuple):
+    """Clock of the tracks against the IMU's."""
 
-    Any offset is tried at which both overlap for a minute and half of the shorter. None if none is clear.
+    offset: float  # by which it is ahead at its first sample [s]
+    drift: float  # by which it gains on it from there on [s/s]
+
+    @property
+    def is_apart(self) -> bool:
+        """True if that is more than a latency."""
+        return abs(self.offset) >= LEAST_OFFSET or self.drift != 0.0
+
+    def undone(self, tracks: TrackSpeedSeries) -> TrackSpeedSeries:
+        """Track speeds on the clock of the IMU."""
+        ahead = self.offset / NANOSECOND + self.drift * (tracks.stamps - tracks.stamps[0])
+        return replace(tracks, stamps=tracks.stamps - np.round(ahead).astype(np.int64))
+
+
+def clock_fit(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> ClockFit | None:
+    """Fit the clock of the tracks to that of the IMU, by yaw rates; None if not clear.
+
+    Any offset is tried at which both overlap for a minute and half of the shorter, and drifts as those of
+    ceramic resonators. A drift shows as a lag that differs in both halves.
     """
-    from scipy.signal import correlate
-
     series = tracks.stamps, imu.stamps
     if any(len(one) < 2 or (one[-1] - one[0]) * NANOSECOND > LONGEST for one in series):
         return None
-    by_tracks, by_gyro = (
-        _even_rates(stamps, rates)
-        for stamps, rates in ((tracks.stamps, tracks.difference), (imu.stamps, vertical))
+    by_gyro, apart = _even_rates(imu.stamps, vertical), int(tracks.stamps[0] - imu.stamps[0])
+    shifts: dict[float, tuple[float, float]] = {}
+    for drift in DRIFTS:
+        steady = ClockFit(0.0, drift).undone(tracks)
+        shifts[drift] = _best_shift(_even_rates(steady.stamps, steady.difference), by_gyro)
+    drift = max(shifts, key=lambda one: shifts[one])
+    size, shift = shifts[drift]
+    if not size:
+        return None
+    fit = ClockFit(apart * NANOSECOND - shift, drift)
+    change = lag_change(fit.undone(tracks), imu, vertical)
+    if change is not None:
+        fit = ClockFit(fit.offset + change.first, drift + change.drift)
+        if abs(fit.drift) * change.span >= max(LEAST_CHANGE, CLEAR_CHANGE * change.sigma):
+            return fit
+    size, shift = shifts[0.0]
+    if not size:
+        return None
+    fit = ClockFit(apart * NANOSECOND - shift, 0.0)
+    rest = track_latency(fit.undone(tracks), imu, vertical)
+    return ClockFit(fit.offset + (rest.seconds if isinstance(rest, Lag) else 0.0), 0.0)
+
+
+class LagChange(NamedTuple):
+    """Lag of the tracks behind the gyro in both halves of a log."""
+
+    first: float  # at the first sample [s]
+    drift: float  # growth [s/s]
+    span: float  # time between the middles of both halves [s]
+    sigma: float  # standard error of the growth in that time [s]
+
+
+def lag_change(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> LagChange | None:
+    """Estimate the lag of track speeds in both halves; None if one does not show it."""
+    stamps = tracks.stamps
+    middle = int(stamps[0] + stamps[-1]) // 2
+    halves = (
+        TrackSpeedSeries(stamps[part], tracks.speeds[part])
+        for part in (stamps < middle, stamps >= middle)
     )
+    early, late = (track_latency(half, imu, vertical) for half in halves)
+    if not (isinstance(early, Lag) and isinstance(late, Lag)):
+        return None
+    span = 0.5 * float(stamps[-1] - stamps[0]) * NANOSECOND
+    drift = (late.seconds - early.seconds) / span
+    first = early.seconds - 0.5 * drift * span
+    return LagChange(first, drift, span, float(np.hypot(early.sigma, late.sigma)))
+
+
+def _best_shift(by_tracks: Floats, by_gyro: Floats) -> tuple[float, float]:
+    """Size of the clear correlation of two series, and the shift between them [s]."""
+    from scipy.signal import correlate
+
     shifts = np.arange(1 - len(by_tracks), len(by_gyro))
     first, last = np.maximum(0, -shifts), np.minimum(len(by_tracks), len(by_gyro) - shifts)
     shorter = STEP * min(len(by_tracks), len(by_gyro))
@@ -105,17 +169,12 @@ def clock_offset(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> 
     energy *= squares[1][(last + shifts)] - squares[1][(first + shifts)]
     products = correlate(by_gyro, by_tracks, "full", "fft")
     correlation = np.where(overlaps & (energy > 0.0), products, 0.0)
-    correlation /= np.sqrt(np.maximum(energy, 1e-12))
-    best = int(np.argmax(np.abs(correlation)))
-    others = np.abs(correlation)[np.abs(shifts - shifts[best]) * STEP > APART]
-    size = float(np.abs(correlation[best]))
-    if size < CLEAR or others.max(initial=0.0) > NEXT * size:
-        return None
-    apart = int(tracks.stamps[0]) - int(imu.stamps[0])
-    coarse = apart * NANOSECOND - STEP * float(shifts[best])
-    shifted = replace(tracks, stamps=tracks.stamps - round(coarse / NANOSECOND))
-    rest = track_latency(shifted, imu, vertical)
-    return coarse + (rest.seconds if isinstance(rest, Lag) else 0.0)
+    correlation = np.abs(correlation) / np.sqrt(np.maximum(energy, 1e-12))
+    best = int(np.argmax(correlation))
+    others = correlation[np.abs(shifts - shifts[best]) * STEP > APART]
+    size = float(correlation[best])
+    is_clear = size >= CLEAR and others.max(initial=0.0) <= NEXT * size
+    return (size if is_clear else 0.0), STEP * float(shifts[best])
 
 
 def _even_rates(stamps: Stamps, rates: Floats) -> Floats:
@@ -126,17 +185,10 @@ def _even_rates(stamps: Stamps, rates: Floats) -> Floats:
     return np.asarray(means - means.mean())
 
 
-def turn_alike(log: Log) -> bool:
-    """Test whether tracks and gyro clearly turn alike, or opposite; True without them."""
-    mounting = estimate_mounting(log)
-    correlation = None if mounting is None else mounting.turning_correlation
-    return correlation is None or abs(correlation) > CLEAR_TURNING
-
-
 def on_one_clock(mapping: TopicMap, read: Callable[[TopicMap, str], Log]) -> TopicMap:
-    """Mapping with the offset of the tracks' clock, of tables in which it is clear.
+    """Mapping of tables with offset and drift of the tracks' clock if they are clear.
 
-    `read` reads one stream of a mapping, by its purpose.
+    It is the same object if they are not. `read` reads one stream of a mapping, by its purpose.
     """
     columns = mapping.columns
     if columns is None or columns.tracks is None:
@@ -145,9 +197,16 @@ def on_one_clock(mapping: TopicMap, read: Callable[[TopicMap, str], Log]) -> Top
     mounting = estimate_mounting(of_imu)
     if of_imu.imu is None or mounting is None or not are_usable(tracks):
         return mapping
-    offset = clock_offset(tracks, of_imu.imu, vertical_rate(of_imu.imu, mounting)) or 0.0
-    if abs(offset) < LEAST_OFFSET:
+    fit = clock_fit(tracks, of_imu.imu, vertical_rate(of_imu.imu, mounting))
+    if fit is None or not fit.is_apart:
         return mapping
-    by = round(columns.tracks.clock_offset + offset, 2)
-    changed = structs.replace(columns.tracks, clock_offset=by)
+    keys = clock_keys(columns.tracks, fit)
+    changed = structs.replace(columns.tracks, **keys)
     return structs.replace(mapping, columns=structs.replace(columns, tracks=changed))
+
+
+def clock_keys(tracks: TrackColumns, fit: ClockFit) -> dict[str, float]:
+    """Keys of the tracks' columns for a fit to a log that was read with theirs."""
+    keys = {"clock_offset": round(tracks.clock_offset + fit.offset, 2)}
+    drift = round(tracks.clock_drift + fit.drift, 6)
+    return keys | ({"clock_drift": drift} if drift != tracks.clock_drift else {})

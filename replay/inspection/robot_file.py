@@ -425,7 +425,7 @@ def _column_lines(
             if name in omitted or value in (None, (), "", 0.0, (0.0, 0.0)):
                 continue
             text = "nan" if name == "counts_per_turn" else toml_value(value)
-            text = repr(value) if name == "clock_offset" else text  # all of its digits
+            text = repr(value) if name.startswith("clock_") else text  # all of its digits
             remark = f"    {FILL_IN}" if name in ("position_sigma", "counts_per_turn") else ""
             lines.append(f"{name} = {text}{'    # check it' if name in CHECKED else remark}")
         lines += track_latency if purpose == "tracks" else []

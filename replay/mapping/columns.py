@@ -95,12 +95,14 @@ class TrackColumns(TrackKeys, frozen=True, kw_only=True):
         time: column of their time, if not the map's.
         time_unit: its unit.
         clock_offset: by which its clock is ahead of the others, subtracted [s].
+        clock_drift: by which it gains on the others from the first row on, subtracted [s/s].
     """
 
     unit: TrackUnit = "m/s"
     time: str | None = None
     time_unit: TimeUnit | None = None
     clock_offset: ClockOffset = 0.0
+    clock_drift: Annotated[float, Bound("a number, 0.1 at most", -0.1, 0.1)] = 0.0
 
     def __post_init__(self) -> None:
         if not (self.left and self.right):
@@ -299,6 +301,11 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     fixes: PoseColumns | None = None
     truth: PoseColumns | None = None
     heading: HeadingColumns | None = None
+
+    @property
+    def has_times(self) -> bool:
+        """True if tracks or IMU have a time of their own."""
+        return any(one is not None and one.time for one in (self.tracks, self.imu))
 
     def __post_init__(self) -> None:
         if self.truth is not None and any(self.truth.position):

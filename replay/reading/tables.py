@@ -288,6 +288,9 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
             continue
         stamps, timed = table.stamps(time, spec.time_unit or columns.time_unit)
         stamps = stamps - round(spec.clock_offset / NANOSECOND)
+        if isinstance(spec, TrackColumns) and spec.clock_drift and timed.any():
+            gained = spec.clock_drift * (stamps - stamps[timed].min())
+            stamps = stamps - np.where(timed, gained, 0.0).round().astype(np.int64)
         values = table.numbers(names)
         has_value = ~np.isnan(values).all(axis=1)
         is_kept = has_value & timed
