@@ -556,7 +556,8 @@ def _error_findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
             refusal = f": below {LEAST_BY_TRACKS:g} rad/s the tracks may be it, not written"
         yield f"gyro bias: {size}, by the {bias.source}{refusal}"
     if (fit := estimates.fix_fit) is not None and fit.is_late:
-        yield f"fixes: stamps lag the tracks by {fit.lag:.2f} s (± {fit.lag_sigma:.1g})"
+        lags = "lag" if fit.lag > 0.0 else "lead"
+        yield f"fixes: stamps {lags} the tracks by {abs(fit.lag):.2f} s (± {fit.lag_sigma:.1g})"
     if isinstance(wander, FixWanderEstimate):
         yield f"fixes: {wander.text}"
     elif wander is not None:

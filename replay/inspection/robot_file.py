@@ -357,7 +357,8 @@ def _fit_lines(fit: FixFit | None, known: tuple[float, float]) -> list[str]:
         place = _metres(fit.place.round(2))
         lines.append(f"position = {place}    # m, ± {fit.sigma:.1g}: antenna, by bends")
     if fit is not None and fit.is_late:
-        lines.append(f"latency = {fit.lag:.2f}    # s, ± {fit.lag_sigma:.1g}, behind the tracks")
+        side = "behind" if fit.lag > 0.0 else "ahead of"
+        lines.append(f"latency = {fit.lag:.2f}    # s, ± {fit.lag_sigma:.1g}, {side} the tracks")
     return lines
 
 

@@ -14,7 +14,7 @@ from icreckon.estimator.log import series
 from icreckon.estimator.log.log import Log, screen
 from icreckon.estimator.log.measurements import HeadingFix, HeightFix, Measurement
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
+from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX, OF_A_BODY
 from icreckon.replay.base.errors import OF_ROBOT_FILE, OF_STAMPS, ApartError, ReplayError
 from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
@@ -210,6 +210,11 @@ class _Assembly:
         stamps, values = stamps[keep], values[keep]
         if not is_truth:
             self.notes += _wrap_notes(rows, spec)
+            if stream.msgtype in OF_A_BODY and spec.names:
+                what = f"{stream.msgtype} has one speed and a yaw rate"
+                self.notes.append(
+                    f"{OF_ROBOT_FILE}left and right of [log.tracks] are ignored: {what}"
+                )
         if wheels.are_counters and len(stamps):
             stamps, values = self._counter_speeds(stream, stamps, values, wheels.wrap)
         if len(stamps):

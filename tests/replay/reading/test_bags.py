@@ -117,6 +117,12 @@ def test_each_missing_variance_is_filled_in_alone(tmp_path: Path, stated, used) 
     assert abs(log.fixes.poses[0, 2]) == pytest.approx(np.pi)
 
 
+def test_names_of_wheels_in_an_odometry_are_said_to_be_ignored(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "bag", [("/odom", made.odometry(k, 1.5, 0.5)) for k in (7, 8)])
+    log = read_log(path, robot_with(tracks=JOINTS | {"topic": "/odom"}))
+    assert any("left and right of [log.tracks] are ignored" in note for note in log.notes)
+
+
 def test_odometry_as_truth(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "bag", [*SPEEDS, ("/odom", made.odometry(7, 1.5, 0.5))])
     log = read_log(path, robot_with(tracks=JOINTS, truth={"topic": "/odom", "source": "rail"}))
