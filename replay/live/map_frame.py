@@ -7,13 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.frames import compose, rotate, wrap_angle
+from icreckon.estimator.base.frames import compose, relative, rotate, wrap_angle
 from icreckon.estimator.log.measurements import HeadingFix, Measurement, PositionFix
 from icreckon.estimator.robot.settings import wander_of
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.start import CLEAR, SOON, align_path
 from icreckon.replay.live.base_frame import Pose
 
+MOST_POSES = 2000  # most poses in `odom` that are kept for late fixes
 MOST_WAITING, LONGEST = 1000, 300.0
 """Most positions that are aligned with the path, and the longest time for which they are [s]."""
 
@@ -40,6 +41,8 @@ class MapFrame:
     def __init__(self, start: Placed | None = None) -> None:
         self.estimator: PoseEstimator | None = None
         self._heading: HeadingFix | None = None  # newest one before the estimator starts
+        # Newest poses in `odom`, with their stamps: fixes come late.
+        self._path: deque[tuple[int, Floats]] = deque(maxlen=MOST_POSES)
         # Positions without a heading before that, and the pose in `odom` at each.
         self._waiting: deque[tuple[PositionFix, Floats]] = deque(maxlen=MOST_WAITING)
         self._start = start  # pose to which `restart` returns
@@ -61,6 +64,8 @@ class MapFrame:
             for measurement in group:
                 self.estimator.feed(measurement)
             return
+        if odom.stamp is not None:
+            self._path.append((odom.stamp, odom.pose))
         for measurement in group:
             if isinstance(measurement, HeadingFix):
                 self._heading = measurement
@@ -69,18 +74,13 @@ class MapFrame:
             return
         if not (np.isfinite([fix.x, fix.y, fix.variance]).all() and fix.variance > 0.0):
             return
-        self.estimator = self._started(fix, odom, in_odom=in_odom)
-        if self.estimator is not None:
-            for measurement in group:
-                if isinstance(measurement, PositionFix | HeadingFix):
-                    self.estimator.feed(measurement)
-        else:
-            self.estimator = self._by_path(fix, odom)
+        self.estimator = self._started(fix, odom, in_odom=in_odom) or self._by_path(fix, odom)
 
     def set_clock(self, by: int) -> None:
         """Continue after the clock was set forward [ns]; drop waiting fixes and heading."""
         self._heading = None
         self._waiting.clear()
+        self._path.clear()
         if self.estimator is not None:
             self.estimator.set_clock(by)
 
@@ -88,6 +88,7 @@ class MapFrame:
         """Start again at the given start, or by the next fixes."""
         self.estimator, self._heading, self._placed = None, None, self._start
         self._waiting.clear()
+        self._path.clear()
 
     @property
     def waiting(self) -> int:
@@ -102,27 +103,43 @@ class MapFrame:
         if heading is not None and abs(fix.stamp - heading.stamp) * NANOSECOND > SOON:
             heading = None
         wander = wander_of(odom.robot, odom.settings)
-        pose, sigma = odom.pose, wander.at_start(math.sqrt(fix.variance))
+        pose, sigma = self._reckoned(fix.stamp, odom), wander.at_start(math.sqrt(fix.variance))
+        then = pose if heading is None else self._reckoned(heading.stamp, odom)
         x, y = pose[:2] + rotate(lever_arm, pose[2])
         both_sigmas = sigma + math.sqrt(float(np.trace(odom.pose_covariance[:2, :2])))
         is_near = math.hypot(fix.x - x, fix.y - y) <= CLEAR * both_sigmas
-        if in_odom and is_near and (heading is None or _agrees(heading, odom)):
+        if in_odom and is_near and (heading is None or _agrees(heading, then, odom)):
             if not wander.sigma:
-                return odom.copy()
+                copy = odom.copy()
+                for measurement in (fix, heading):
+                    if measurement is not None:
+                        copy.feed(measurement)
+                return copy
             # A copy would be too certain of a position that wanders: only the heading is that of odom.
             heading = HeadingFix(fix.stamp, float(pose[2]), float(odom.pose_covariance[2, 2]))
+            then = pose
         if heading is None:
             return None
-        x, y = np.array([fix.x, fix.y]) - rotate(lever_arm, heading.yaw)
-        start = (float(x), float(y), heading.yaw)
-        return odom.restarted(start, (sigma, sigma, math.sqrt(heading.variance)))
+        # Heading and fix were measured before now, and the robot has moved since.
+        yaw = heading.yaw + float(pose[2] - then[2])
+        x, y = np.array([fix.x, fix.y]) - rotate(lever_arm, yaw)
+        x, y, yaw = compose((x, y, yaw), relative(pose, odom.pose)).tolist()
+        return odom.restarted((x, y, yaw), (sigma, sigma, math.sqrt(heading.variance)))
+
+    def _reckoned(self, stamp: int, odom: PoseEstimator) -> Floats:
+        """Pose in `odom` at a stamp [ns], of the recent past or a little ahead."""
+        ahead = (stamp - (odom.stamp or 0)) * NANOSECOND
+        if ahead >= 0.0:
+            return compose(odom.pose, odom.twist * ahead)
+        stamps, poses = zip(*self._path, strict=True)
+        x, y, yaw = np.array(poses).T
+        return np.array([np.interp(stamp, stamps, one) for one in (x, y, np.unwrap(yaw))])
 
     def _by_path(self, fix: PositionFix, odom: PoseEstimator) -> PoseEstimator | None:
         """Start by the path in `odom`, aligned with the fixes; None if it is too short."""
         while self._waiting and (fix.stamp - self._waiting[0][0].stamp) * NANOSECOND > LONGEST:
             self._waiting.popleft()
-        seconds_since = (fix.stamp - (odom.stamp or 0)) * NANOSECOND
-        self._waiting.append((fix, compose(odom.pose, odom.twist * seconds_since)))
+        self._waiting.append((fix, self._reckoned(fix.stamp, odom)))
         fixes, poses = zip(*self._waiting, strict=True)
         reckoned = np.array(poses)
         lever_arms = [(waiting.forward, waiting.left) for waiting in fixes]
@@ -142,8 +159,8 @@ class MapFrame:
         return odom.restarted((x, y, yaw), (sigma, sigma, fitted.yaw_sigma))
 
 
-def _agrees(heading: HeadingFix, odom: PoseEstimator) -> bool:
-    """True if a heading is that of `odom`, within `CLEAR` times both sigmas."""
-    difference = float(wrap_angle(heading.yaw - odom.pose[2]))
+def _agrees(heading: HeadingFix, pose: Floats, odom: PoseEstimator) -> bool:
+    """True if a heading is that of a pose in `odom`, within `CLEAR` times both sigmas."""
+    difference = float(wrap_angle(heading.yaw - pose[2]))
     both_sigmas = math.sqrt(heading.variance) + math.sqrt(float(odom.pose_covariance[2, 2]))
     return abs(difference) <= CLEAR * both_sigmas
