@@ -50,6 +50,7 @@ CLOCK_WITNESSES = 10  # samples in a row that agree before a clock that jumped a
 # Consecutive measurements that are too old, in total and of tracks and IMU each, that indicate a
 # clock that was set back.
 BEHIND, BEHIND_OF_EACH = 20, 4
+MOST_BEHIND = 500  # most of these that are kept
 # Track speeds and body velocities above this multiple of the fastest track are implausible.
 ABSURD_SPEED = 10.0
 # No gyro of a vehicle reads more [rad/s], and no accelerometer [m/s²].
@@ -325,7 +326,8 @@ class Admission:
             return []
         counts = [sum(type(m) is kind for m in behind) for kind in (TrackSpeeds, ImuSample)]
         if min(counts) < BEHIND_OF_EACH:
-            del behind[0]
+            # An IMU may be dozens of times as fast as the tracks.
+            del behind[: max(0, len(behind) - MOST_BEHIND)]
             return []
         in_order = sorted(behind, key=key_of)
         behind.clear()

@@ -321,9 +321,14 @@ def test_a_robot_that_is_on_its_way_at_the_start_has_slip_already(variant):
     assert np.all(np.diagonal(later.covariance)[s.SLIP] == 0.0)
 
 
-def test_a_clock_that_is_set_back_for_good_is_followed():
-    back = 3600.0
-    log = replace(simulate(Scenario(duration=20.0, seed=3), ALPHA), fixes=None)
+@pytest.mark.parametrize(
+    ("back", "rates"), [(3600.0, (50.0, 100.0)), (3.0, (30.0, 200.0)), (3600.0, (10.0, 400.0))]
+)
+def test_a_clock_that_is_set_back_for_good_is_followed(back, rates):
+    """Also where the IMU is dozens of times as fast as the tracks."""
+    track_rate, imu_rate = rates
+    scenario = Scenario(duration=20.0, seed=3, track_rate=track_rate, imu_rate=imu_rate)
+    log = replace(simulate(scenario, ALPHA), fixes=None)
     turn = log.start + seconds(10.0)
     estimators = []
     for by in (0, seconds(back)):
