@@ -21,7 +21,10 @@ DEPARTURE_TIME, DEPARTED_FIXES = 0.5, 2.0
 # Largest departure as a share of the distance driven, and standard deviations of noise beyond that.
 DEPARTURE_SHARE, DEPARTURE_SIGMAS = 1.2, 3.0
 FASTEST_TURN = 0.2  # fastest turn of the path that a wrong gyro explains [rad/s]
-SAME_SIDE = 0.8  # least cosine between successive departures, and least ratio of them
+# Least cosine between successive departures, and least ratio of them; share of the noise by which a
+# departure may be smaller.
+SAME_SIDE, NOISE_SHARE = 0.8, 0.67
+REACH = 1.5  # noise within which a departure is in reach, over the above: few fixes are to miss it
 # Least distance that has a direction [m], and least time that has a speed [s].
 LEAST_DISTANCE, LEAST_TIME = 1e-3, 1e-6
 
@@ -83,9 +86,10 @@ def departure_after(
     ahead, left, variance_ahead, variance_left = along_and_beside(z, S, (cos, sin))
     size = math.sqrt(z_x * z_x + z_y * z_y)
     noise = DEPARTURE_SIGMAS * math.sqrt(max(variance_ahead, variance_left))
-    is_in_reach = size < DEPARTURE_SHARE * distance + noise
-    # The departure continues to the side of the fix before, and is not much smaller.
-    least = SAME_SIDE * math.sqrt(before.by_x * before.by_x + before.by_y * before.by_y)
+    is_in_reach = size < DEPARTURE_SHARE * distance + REACH * noise
+    # The departure continues to the side of the fix before, and is not much smaller but by noise.
+    by = math.sqrt(before.by_x * before.by_x + before.by_y * before.by_y)
+    least = max(0.0, SAME_SIDE * by - NOISE_SHARE * noise)
     continues = (z_x * before.by_x + z_y * before.by_y >= least * size) & (size >= least)
     departs = is_in_reach & ((before.time <= 0.0) | continues)
     is_followed = departs & (before.time >= max(DEPARTURE_TIME, DEPARTED_FIXES * interval))
