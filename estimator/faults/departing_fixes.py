@@ -21,9 +21,10 @@ DEPARTURE_TIME, DEPARTED_FIXES = 0.5, 2.0
 # Largest departure as a share of the distance driven, and standard deviations of noise beyond that.
 DEPARTURE_SHARE, DEPARTURE_SIGMAS = 1.2, 3.0
 FASTEST_TURN = 0.2  # fastest turn of the path that a wrong gyro explains [rad/s]
-# Least cosine between successive departures, and least ratio of them; share of the noise by which a
-# departure may be smaller.
-SAME_SIDE, NOISE_SHARE = 0.8, 0.67
+SAME_SIDE = 0.8  # least cosine between successive departures, and least ratio of them
+# Share of the distance driven by which a departure is behind where the robot stands, and share of the
+# noise by which it may then be smaller than the one before.
+STANDS, NOISE_SHARE = 0.5, 0.67
 REACH = 1.5  # noise within which a departure is in reach, over the above: few fixes are to miss it
 # Least distance that has a direction [m], and least time that has a speed [s].
 LEAST_DISTANCE, LEAST_TIME = 1e-3, 1e-6
@@ -87,9 +88,11 @@ def departure_after(
     size = math.sqrt(z_x * z_x + z_y * z_y)
     noise = DEPARTURE_SIGMAS * math.sqrt(max(variance_ahead, variance_left))
     is_in_reach = size < DEPARTURE_SHARE * distance + REACH * noise
-    # The departure continues to the side of the fix before, and is not much smaller but by noise.
+    # The departure continues to the side of the fix before, and is not much smaller, but by noise where
+    # the robot seems to stand.
     by = math.sqrt(before.by_x * before.by_x + before.by_y * before.by_y)
-    least = max(0.0, SAME_SIDE * by - NOISE_SHARE * noise)
+    by_noise = select(ahead < -STANDS * distance, NOISE_SHARE * noise, 0.0)
+    least = max(0.0, SAME_SIDE * by - by_noise)
     continues = (z_x * before.by_x + z_y * before.by_y >= least * size) & (size >= least)
     departs = is_in_reach & ((before.time <= 0.0) | continues)
     is_followed = departs & (before.time >= max(DEPARTURE_TIME, DEPARTED_FIXES * interval))

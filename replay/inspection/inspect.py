@@ -17,6 +17,7 @@ from icreckon.estimator.base.config import convert
 from icreckon.estimator.log.failed_sensors import imu_span, stuck_sides, unequal_sides
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.bags.bag_files import over_bag
@@ -37,6 +38,7 @@ from icreckon.replay.inspection.guess_columns import guess_columns, time_column_
 from icreckon.replay.inspection.guess_topics import guess_topics, may_be_a_side, other_positions
 from icreckon.replay.inspection.gyro_bias import LEAST_BY_TRACKS, SURE, gyro_bias
 from icreckon.replay.inspection.latency import (
+    heading_lag,
     objection,
     on_one_clock,
     track_latency,
@@ -325,6 +327,9 @@ def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:
     found: dict[str, Lag | NoLag] = {}
     if len(log.tracks.speeds) and np.abs(log.tracks.speeds).max() <= imu_mounting.ABSURD:
         found["tracks"] = track_latency(log.tracks, log.imu, vertical)
+    headings = [other for other in log.others if isinstance(other, HeadingFix)]
+    if headings:
+        found["heading"] = heading_lag(headings, log.imu, vertical)
     truth = log.truth
     if truth is not None:
         if truth.headings and heading_fault(truth) is not None:

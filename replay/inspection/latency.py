@@ -5,7 +5,7 @@ next one. A latency of 0.2 s at a start or stop is an error of 0.2 s of driving,
 of slip in that time. The estimate needs neither truth nor fixes.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
@@ -16,6 +16,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import BEYOND
 from icreckon.estimator.log.lag import (
     LEAST_TURN,
+    Curve,
     Lag,
     NoLag,
     find_lag,
@@ -26,6 +27,7 @@ from icreckon.estimator.log.lag import (
     turned_in_steps,
 )
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.series import (
     ImuSeries,
     PoseSeries,
@@ -68,6 +70,13 @@ def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) ->
     # IMU about the vertical [rad/s].
     by_tracks = turned_in_steps(tracks.stamps, tracks.difference)
     return find_lag(by_tracks, turned_in_steps(imu.stamps, vertical), least=LEAST_TURN)
+
+
+def heading_lag(headings: Sequence[HeadingFix], imu: ImuSeries, rate: Floats) -> Lag | NoLag:
+    """Estimate the lag of headings behind the gyro, of a rate (n,) as for `truth_lag`."""
+    stamps = np.array([heading.stamp for heading in headings])
+    yaws = np.unwrap([heading.yaw for heading in headings])
+    return find_lag(Curve(stamps, yaws), turned(imu.stamps, rate), least=LEAST_TURN)
 
 
 def truth_lag(truth: Truth, tracks: TrackSpeedSeries, imu: ImuSeries, rate: Floats) -> Lag | NoLag:

@@ -331,7 +331,8 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
             keys_of["fixes"].append(f"position = {place}    # m, of the antenna, by /{STATIC}")
         keys_of["fixes"] += _fit_lines(estimates.fix_fit, mapping.fixes.position)
     if mapping.heading:
-        keys_of["heading"] = _heading_keys(mapping.heading, estimates.log)
+        keys_of["heading"] = _heading_keys(mapping.heading, estimates)
+        keys_of["heading"] += _latency_lines(estimates.latencies.get("heading"))
     if truth := mapping.truth:
         topics = {name: getattr(truth, name) for name in ("twist", "tracks", "source_topic")}
         keys_of["truth"] = [f"{key} = {toml_value(name)}" for key, name in topics.items() if name]
@@ -362,10 +363,13 @@ def _fit_lines(fit: FixFit | None, known: tuple[float, float]) -> list[str]:
     return lines
 
 
-def _heading_keys(heading: HeadingTopic, log: Log | None) -> list[str]:
+def _heading_keys(heading: HeadingTopic, estimates: LogEstimates) -> list[str]:
     """Keys of [log.heading] but its topic."""
+    log, fit = estimates.log, estimates.fix_fit
+    is_moved = fit is not None and fit.differs(np.zeros(2))
     keys = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
-    offset = None if log is None else heading_offset(log)
+    antenna = fit.place if fit is not None and is_moved else None
+    offset = None if log is None else heading_offset(log, antenna)
     if offset is None:
         return [*keys, f"offset_deg = nan    {FILL_IN} (to the direction of driving)"]
     remark = f"± {offset.sigma:.1g}: direction of driving less heading"

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.frames import rotate
 from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
 from icreckon.estimator.log.failed_sensors import stuck_sides
 from icreckon.estimator.log.log import Log
@@ -30,6 +31,7 @@ WINDOWS = {"truth": 2.0, "fixes": 10.0}  # time over which distances are compare
 FEWEST_WINDOWS = 5
 MEDIAN_ERROR = 1.25  # standard error of a median of normal errors over that of their mean [-]
 FEWEST_SAMPLES = 100  # samples from which on a standard error of the effective track is estimated
+HEADING_ROUNDS = 3  # rounds in which the offset of a heading and the place of the robot agree
 COURSE_LENGTH, COURSE_TIME, CLEAR_COURSE = 0.5, 5.0, 0.8
 """Course over ground: least distance [m], longest time [s]; least mean vector of its offsets [-]."""
 
@@ -272,29 +274,58 @@ class HeadingOffset(NamedTuple):
     change_sigma: float  # standard error of that [deg]
 
 
-def heading_offset(log: Log) -> HeadingOffset | None:
+def heading_offset(log: Log, antenna: Floats | None = None) -> HeadingOffset | None:
     """Offset of a heading in the frame of the fixes; None if not clear.
 
-    Without fixes it is that in the frame of a truth with headings.
+    Without fixes it is that in the frame of a truth with headings. `antenna` (2,) is the place of that of
+    the fixes, forward and left [m], if it is not that of the log.
     """
     headings = [other for other in log.others if isinstance(other, HeadingFix)]
     if len(headings) < 2:
         return None
     stamps = np.array([heading.stamp for heading in headings])
     yaws = np.unwrap([heading.yaw for heading in headings])
-    truth, times, yaws_of_robot = log.truth, list[int](), list[float]()
-    if log.fixes is not None:
-        places, sigmas = log.fixes.poses[:, :2], np.sqrt(log.fixes.variances[:, 0])
-        for begin, end in _courses(log.fixes.stamps, places, sigmas):
-            x, y = places[end] - places[begin]
-            times.append(int(log.fixes.stamps[end] + log.fixes.stamps[begin]) // 2)
-            backward = np.pi if _drives_backward(log, times[-1]) else 0.0
-            yaws_of_robot.append(float(np.arctan2(y, x) + backward))
-    elif truth is not None and truth.headings:
-        known = truth.poses.stamps
-        times = stamps[(stamps >= known[0]) & (stamps <= known[-1])].tolist()
-        if times:
-            yaws_of_robot = interpolate_poses(truth.poses, np.array(times))[:, 2].tolist()
+    if log.fixes is None:
+        return _mean_offset(stamps, yaws, *_true_yaws(log, stamps))
+    arms = log.fixes.lever_arms if antenna is None else np.tile(antenna, (len(log.fixes.stamps), 1))
+    at_fixes, found = np.interp(log.fixes.stamps, stamps, yaws), None
+    # The middle of the robot drives to where it heads; where it is depends on the heading itself.
+    for _ in range(HEADING_ROUNDS):
+        offset = 0.0 if found is None else np.radians(found.value)
+        middles = log.fixes.poses[:, :2] - rotate(arms, at_fixes + offset)
+        found = _mean_offset(stamps, yaws, *_yaws_of_courses(log, middles))
+        if found is None or not arms.any():
+            return found
+    return found
+
+
+def _yaws_of_courses(log: Log, middles: Floats) -> tuple[list[int], list[float]]:
+    """Times [ns] and yaws [rad] of courses, by the robot's middle (n, 2) at the fixes."""
+    assert log.fixes is not None  # noqa: S101 - checked by the caller
+    stamps, sigmas = log.fixes.stamps, np.sqrt(log.fixes.variances[:, 0])
+    times, yaws = list[int](), list[float]()
+    for begin, end in _courses(stamps, middles, sigmas):
+        x, y = middles[end] - middles[begin]
+        times.append(int(stamps[end] + stamps[begin]) // 2)
+        yaws.append(float(np.arctan2(y, x) + (np.pi if _drives_backward(log, times[-1]) else 0.0)))
+    return times, yaws
+
+
+def _true_yaws(log: Log, stamps: Stamps) -> tuple[list[int], list[float]]:
+    """Times [ns], of these stamps, at which a truth has a yaw, and these yaws [rad]."""
+    truth = log.truth
+    if truth is None or not truth.headings:
+        return [], []
+    known = truth.poses.stamps
+    inside = stamps[(stamps >= known[0]) & (stamps <= known[-1])]
+    yaws = interpolate_poses(truth.poses, inside)[:, 2].tolist() if len(inside) else []
+    return inside.tolist(), yaws
+
+
+def _mean_offset(
+    stamps: Stamps, yaws: Floats, times: list[int], yaws_of_robot: list[float]
+) -> HeadingOffset | None:
+    """Offset of headings from yaws of the robot at some times [ns]; None if not clear."""
     if len(times) < FEWEST_WINDOWS:
         return None
     # As complex numbers, so that angles can be averaged.

@@ -21,6 +21,7 @@ from icreckon.estimator.faults.departing_fixes import (
     departure_after,
     errors_by_cause,
 )
+from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
 from icreckon.estimator.filter.process_noise import GROUND_TIME, lasting_slip
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import FixSeries, TrackSpeedSeries
@@ -66,6 +67,25 @@ def departed(
         )
         found.append(bool(is_clear))
     return found, departure, shown
+
+
+def test_a_robot_that_stands_while_its_tracks_spin_up_is_hardly_ever_lost() -> None:
+    """Noise neither breaks off the departure, nor puts it out of reach for good: it did in 9 %."""
+    rng, interval, lost = np.random.default_rng(1), 0.2, 0
+    for _ in range(1000):
+        departure, is_clear = Departure(), False
+        for k in range(1, 25):
+            fix = rng.normal(0.0, AHEAD, 2)
+            z = fix - (0.5 * 0.2 * (k * interval) ** 2, 0.0)
+            departure, clear_now, _ = departure_after(
+                *(departure, tuple(fix), tuple(z), (AHEAD**2, 0.0, AHEAD**2)),
+                *((1.0, 0.0), FASTEST, GAUGE, interval),
+            )
+            if z @ z < CHI_SQUARE_1E4[2] * AHEAD**2:
+                departure = Departure(0.0, *fix, *z)  # the gate admits it
+            is_clear |= bool(clear_now)
+        lost += not is_clear
+    assert lost < 10
 
 
 @pytest.mark.parametrize(("interval", "needed"), [(0.1, 6), (0.2, 4), (1.0, 3)])

@@ -11,15 +11,17 @@ from msgspec.structs import replace as with_values
 from conftest import inspected, sample_log
 from icreckon import Log, ReplayError, Scenario, calibrate, check_robot, compare, read_log, simulate
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.frames import rpy_to_matrix
+from icreckon.estimator.base.frames import rotate, rpy_to_matrix
 from icreckon.estimator.log.failed_sensors import stuck_sides, turning_at
 from icreckon.estimator.log.measurements import HeadingFix
+from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, changed_robot, load_robot
 from icreckon.replay.checking import robot_check
 from icreckon.replay.checking.check import FORWARD, LATENCY, MOUNTING, SCALE, TRACK, Check
 from icreckon.replay.checking.track_checks import check_scale
 from icreckon.replay.checking.worth import judged, worth_of
+from icreckon.replay.inspection.wheels import heading_offset
 from icreckon.replay.mapping import topics as mapping
 from icreckon.replay.mapping.topics import TopicMap
 
@@ -230,7 +232,14 @@ def test_a_heading_off_the_direction_of_driving_is_named(backward: bool) -> None
             ),
         )
 
-    assert HEADING not in problems(headed(lambda _: 0.0), robot)
+    right = headed(lambda _: 0.0)
+    assert HEADING not in problems(right, robot)
+    # An antenna ahead drives other courses than the robot in bends.
+    at_fixes = interpolate_poses(poses, drives.fixes.stamps)[:, 2] + np.pi * backward
+    places = drives.fixes.poses + np.column_stack([rotate((1.0, 0.0), at_fixes), 0.0 * at_fixes])
+    antennas = np.tile([1.0, 0.0], (len(places), 1))
+    ahead = replace(right, fixes=replace(drives.fixes, poses=places, antennas=antennas))
+    assert heading_offset(ahead).value == pytest.approx(heading_offset(right).value, abs=0.5)
     wrong = headed(lambda _: -0.5 * np.pi)
     (found,) = [one for one in check_robot(wrong, robot) if one.name == HEADING]
     assert "deg right of the direction of driving" in found.problem
