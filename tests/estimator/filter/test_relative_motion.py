@@ -2,11 +2,10 @@
 
 import math
 
-import msgspec
 import numpy as np
 import pytest
 
-from fed_estimators import feed_all, short_log
+from fed_estimators import feed_all, seconds, short_log
 from icreckon import (
     EstimatorError,
     FixSpec,
@@ -14,6 +13,7 @@ from icreckon import (
     Scenario,
     Settings,
     Slip,
+    changed_robot,
     load_robot,
     simulate,
 )
@@ -31,14 +31,7 @@ NO_SLIP = Slip(
 )
 # White noise of each track's speed [m/s/√Hz], and nothing else that is not known.
 NOISE = 0.01
-NOISY = msgspec.structs.replace(
-    ALPHA,
-    tracks=msgspec.structs.replace(ALPHA.tracks, speed_noise_density=NOISE, difference_sigma=0.0),
-)
-
-
-def seconds(value):
-    return round(value * 1e9)
+NOISY = changed_robot(ALPHA, {"tracks.speed_noise_density": NOISE, "tracks.difference_sigma": 0.0})
 
 
 def drive(left, right, steps, begin=0, estimator=None, **options):
