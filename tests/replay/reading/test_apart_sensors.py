@@ -8,7 +8,7 @@ import pytest
 from msgspec import to_builtins
 from msgspec.structs import replace
 
-from bag_messages import SECOND, imu, joints, robot_with, write_bag
+from bag_messages import SECOND, imu, joints, live_inputs, robot_with, write_bag
 from icreckon import (
     ImuSample,
     ReplayError,
@@ -23,9 +23,7 @@ from icreckon import (
 )
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import changed_robot
-from icreckon.replay.live.inputs import LiveInputs
 from icreckon.replay.mapping.columns import TrackColumns
-from icreckon.replay.mapping.topics import topic_map
 
 
 def test_tables_of_one_sensor_each_are_one_log(tmp_path: Path) -> None:
@@ -103,8 +101,7 @@ def test_gyros_and_accelerometers_on_two_topics_are_one_imu(tmp_path: Path) -> N
     np.testing.assert_allclose(found.angular_velocity[:, 2], np.sin(at), atol=1e-9)
     np.testing.assert_allclose(found.linear_acceleration[:, 0], np.sin(at), atol=1e-4)
 
-    inputs, live = LiveInputs(robot, topic_map(robot)), []
-    topics = {one.topic: one for one in inputs.subscriptions()}
+    (inputs, topics), live = live_inputs(**robot.log), []
     for topic, message in messages:
         stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec
         live += inputs.take(topics[topic], message.__msgtype__, message, stamp)
