@@ -12,6 +12,7 @@ from fed_estimators import feed_all, short_log
 from icreckon import EstimatorError, PoseEstimator, Settings, StandstillSettings, load_robot, smooth
 from icreckon.estimator.base import state as s
 from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
+from icreckon.estimator.robot.robot_file import changed_robot
 from icreckon.estimator.robot.variants import (
     VARIANTS,
     default_adaptation,
@@ -77,9 +78,8 @@ def test_the_filter_is_as_sure_as_it_may_be():
     """NEES over runs drawn from the model: of slip and bias, and of the pose."""
     variant, runs, totals = find_variant("inertia-online"), 20, np.zeros(2)
     # Little slip, known radii and level ground, or these would explain what eta0 leaves open.
-    tracks = msgspec.structs.replace(ALPHA.tracks, difference_sigma=0.0)
-    level = msgspec.structs.replace(ALPHA.slope, sigma=0.0, walk=0.0)
-    robot = msgspec.structs.replace(ALPHA, tracks=tracks, slope=level)
+    known = dict.fromkeys(("tracks.difference_sigma", "slope.sigma", "slope.walk"), 0.0)
+    robot = changed_robot(ALPHA, known)
     usual = msgspec.structs.asdict(slip_of(ALPHA, variant))
     shares = {name: 0.1 * size for name, size in usual.items() if "time" not in name}
     settings = Settings(
