@@ -20,6 +20,7 @@ from icreckon.estimator.robot.variants import (
     slip_of,
     state_names,
 )
+from same_runs import apart
 
 ALPHA = load_robot("auriga-alpha")
 START = {"start_sigma": (0.1, 0.1, 0.1)}
@@ -67,10 +68,7 @@ def test_what_has_no_uncertainty_stays_whether_considered_or_not(log):
     """The step is another one for other states, and equal to rounding: plain, as compiling takes long."""
     part = first(log, 1.0)
     one, other = fed(part), fed(part, considered=("H",), engine="plain")
-    sigmas = np.sqrt(np.diagonal(one.covariance))
-    unit = np.where(sigmas > 0.0, sigmas, 1.0)
-    assert np.abs((one.state - other.state) / unit).max() < 1e-9
-    assert np.abs((one.covariance - other.covariance) / np.outer(unit, unit)).max() < 1e-9
+    assert apart(other, one.state, one.covariance) < 1e-9
 
 
 @pytest.mark.thorough

@@ -20,6 +20,7 @@ from icreckon import (
 from icreckon.estimator.base.frames import compose, relative, rpy_to_matrix
 from icreckon.estimator.filter.clones import MOST_MARKS, RelativeMotion
 from icreckon.estimator.log.measurements import HeadingFix, ImuSample, PositionFix, TrackSpeeds
+from same_runs import assert_same_estimate
 
 ALPHA = load_robot("auriga-alpha")
 GAUGE = ALPHA.vehicle.track_gauge
@@ -154,13 +155,7 @@ def test_marks_do_not_change_the_estimate():
     plain = feed_all(PoseEstimator(ALPHA, start_sigma=(0.1, 0.1, 0.1)), MEASUREMENTS)
     marked = fed_in_order()
     assert marked.marks == (FIRST, SECOND)
-    sigmas = np.sqrt(np.diagonal(plain.covariance))
-    unit = np.where(sigmas > 0.0, sigmas, 1.0)
-    assert (np.abs(marked.state - plain.state) < 1e-9 * unit).all()
-    assert (np.abs(marked.covariance - plain.covariance) < 1e-9 * np.outer(unit, unit)).all()
-    assert marked.health.rejections() == plain.health.rejections()
-    for name, sensor in plain.health.sensors.items():
-        assert marked.health.sensors[name].used == sensor.used
+    assert_same_estimate(marked, plain)
 
 
 def test_what_comes_late_counts_as_if_it_had_come_in_time():
