@@ -8,7 +8,7 @@ from icreckon import GateSettings, PoseEstimator, Scenario, Settings, load_robot
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
-from icreckon.estimator.log.measurements import HeadingFix, PoseFix, PositionFix, TrackSpeeds
+from icreckon.estimator.log.measurements import PoseFix, TrackSpeeds
 from icreckon.estimator.sensors.predictions import pose_ahead
 from same_runs import apart
 
@@ -71,16 +71,6 @@ def test_between_imu_samples_it_is_the_dense_update_of_the_prediction(seed):
     assert estimator.stamp == stamp
     expected = dense_update(x, P, residual, predicted.H, R + predicted.R)
     assert apart(estimator, *expected) < 1e-9
-
-
-def test_without_correlations_it_is_a_position_and_a_heading_fix():
-    one, other = driven(), driven()
-    x, y, yaw = one.pose + np.array([0.1, -0.05, 0.02])
-    stamp = one.stamp
-    one.feed(PoseFix(stamp, x, y, yaw, np.diag([0.04, 0.04, 0.01])))
-    other.feed(PositionFix(stamp, x, y, 0.04))
-    other.feed(HeadingFix(stamp, yaw, 0.01))
-    assert apart(one, other.state, other.covariance) < 1e-9
 
 
 def test_the_gate_asks_all_three_together():
