@@ -106,12 +106,6 @@ def test_joints_that_count(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.tracks.stamps, [SECOND // 5, 3 * SECOND // 10])
 
 
-def test_four_wheels_that_wrap_are_refused(tmp_path: Path) -> None:
-    mapped = {"topic": "/js", "left": ["a", "b"], "right": ["c", "d"], "unit": "rad", "wrap": 6.28}
-    with pytest.raises(ReplayError, match="one counter a side"):
-        read_log(tmp_path, robot_with(tracks=mapped))
-
-
 @pytest.mark.parametrize(
     ("wrap", "note"),
     [
