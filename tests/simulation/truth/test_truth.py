@@ -101,16 +101,3 @@ def test_true_parameters_spread_about_those_of_the_robot_file():
     assert (np.abs(factors.mean(axis=0)) < 0.03).all()
     assert (np.abs(np.corrcoef(factors.T) - np.eye(8)) < 0.25).all()
     assert draw_parameters(ALPHA, 0.0, rng).as_array() == pytest.approx(own)
-
-
-def test_accelerations_are_the_derivative_and_turn_with_the_axes():
-    command = make_trajectory("slalom", 20.0, ALPHA, np.random.default_rng(0))
-    motion = run(EXACT, command, 20.0, rate=400.0)
-    times = np.arange(4.0, 19.0, 0.1)
-    step = 1e-2
-    expected = (motion.twists_at(times + step) - motion.twists_at(times - step)) / (2.0 * step)
-    v_x, v_y, w = motion.twists_at(times).T
-    expected[:, 0] -= w * v_y
-    expected[:, 1] += w * v_x
-    assert np.allclose(motion.accelerations_at(times, 0.005), expected, atol=2e-3)
-    assert np.isfinite(motion.accelerations_at(np.array([0.0, 20.0]), 0.01)).all()
