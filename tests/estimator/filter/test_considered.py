@@ -72,29 +72,32 @@ def test_what_has_no_uncertainty_stays_whether_considered_or_not(log):
 
 
 @pytest.mark.thorough
-def test_the_filter_is_as_sure_as_it_may_be():
-    """NEES over runs drawn from the model: of slip and bias, and of the pose."""
-    variant, runs, totals = find_variant("inertia-online"), 20, np.zeros(2)
-    # Little slip, known radii and level ground, or these would explain what eta0 leaves open.
-    known = dict.fromkeys(("tracks.difference_sigma", "slope.sigma", "slope.walk"), 0.0)
-    robot = changed_robot(ALPHA, known)
-    usual = msgspec.structs.asdict(slip_of(ALPHA, variant))
-    shares = {name: 0.1 * size for name, size in usual.items() if "time" not in name}
-    settings = Settings(
-        slip=msgspec.structs.replace(slip_of(ALPHA, variant), **shares),
-        adaptation=default_adaptation("inertia-online", eta0=0.15),
-        considered=("eta0",),
-        standstill=StandstillSettings(track_speed=0.0),
-    )
+@pytest.mark.parametrize("considered", [(), ("eta0",)])
+def test_the_filter_is_as_sure_as_it_may_be(considered):
+    """NEES over runs drawn from the model: of slip and bias, of the pose, and of the twist."""
+    variant, runs, totals = find_variant("inertia-online"), 20, np.zeros(3)
+    robot, options = ALPHA, {}
+    if considered:
+        # Little slip, known radii and level ground, or these would explain what eta0 leaves open.
+        known = dict.fromkeys(("tracks.difference_sigma", "slope.sigma", "slope.walk"), 0.0)
+        robot = changed_robot(ALPHA, known)
+        usual = msgspec.structs.asdict(slip_of(ALPHA, variant))
+        shares = {name: 0.1 * size for name, size in usual.items() if "time" not in name}
+        options["slip"] = msgspec.structs.replace(slip_of(ALPHA, variant), **shares)
+        options["adaptation"] = default_adaptation("inertia-online", eta0=0.15)
+    standstill = StandstillSettings(track_speed=0.0)
+    settings = Settings(considered=considered, standstill=standstill, **options)
     sampler = ModelSampler(robot, variant, settings, Fixes(interval=2.0))
     speeds = 0.5 + 0.2 * np.sin(np.arange(401) * 0.02)[:, None] * [-1.0, 1.0]
     for seed in range(runs):
         run = sampler.run(speeds, 0.02, np.random.default_rng(seed))
         estimator = PoseEstimator(robot, "inertia-online", settings=settings)
-        feed_all(estimator, run.measurements)
-        error, P = estimator.state - run.states[-1], estimator.covariance
+        one = feed_all(estimator, run.measurements).snapshot()
+        error, P = one.state - run.states[-1], one.covariance
         for k, some in enumerate(([s.SLIP_X, s.SLIP_W, s.GYRO_BIAS], [s.X, s.Y, s.YAW])):
             totals[k] += error[some] @ np.linalg.solve(P[np.ix_(some, some)], error[some])
+        error = one.twist - run.twists[-1]
+        totals[2] += error @ np.linalg.solve(one.twist_covariance, error)
     low, high = chi2.interval(0.999, 3 * runs)
     assert (low < totals).all()
     assert (totals < high).all()
