@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from icreckon import IndexValues, load_robot
+from icreckon import load_robot
 from icreckon.estimator.motion.icr import direct, indices_at_inertia, symmetry_coordinates
 from icreckon.estimator.motion.index_model import solve
 from icreckon.estimator.motion.motion_model import VehicleConstants
@@ -83,12 +83,3 @@ def test_equal_tracks_drive_straight_whatever_the_parameters(form, V):
     assert (motion.twist.v_x == 0.0).all()
     assert (motion.twist.v_y == V).all()
     assert (motion.u == 0.0).all()
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_without_inertial_terms_it_is_the_constant_icr_model(form):
-    constant = ALPHA.constant_indices
-    found = solve(V_L, V_R, constant.as_array(), VEHICLE, form=form).twist
-    expected = direct(V_L, V_R, IndexValues(constant.zeta0, constant.epsilon0, constant.eta0), 0.42)
-    for part, wanted in zip(found, expected, strict=True):
-        assert part == pytest.approx(wanted, abs=1e-15)
