@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mcap.reader import make_reader
@@ -10,6 +11,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
+from icreckon.replay.live.inputs import LiveInputs, Subscription
+from icreckon.replay.mapping.topics import topic_map
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 T = STORE.types
@@ -31,11 +34,9 @@ def vector(x=0.0, y=0.0, z=0.0):
     return T["geometry_msgs/msg/Vector3"](x=x, y=y, z=z)
 
 
-def joints(stamp: int, rates, names=("l", "r")):
-    nothing = np.empty(0)
-    return T["sensor_msgs/msg/JointState"](
-        header(stamp), list(names), nothing, np.array(rates, dtype=float), nothing
-    )
+def joints(stamp: int, rates, names=("l", "r"), positions=()):
+    at, speeds = (np.array(one, dtype=float) for one in (positions, rates))
+    return T["sensor_msgs/msg/JointState"](header(stamp), list(names), at, speeds, np.empty(0))
 
 
 def odometry(stamp: int, v: float, w: float):
@@ -92,6 +93,13 @@ def write_bag(path: Path, messages, delay: int = 0, raw=(), times=None) -> Path:
 
 def robot_with(**log) -> Robot:
     return Robot("test", VEHICLE, log=log)
+
+
+def live_inputs(**log: Any) -> tuple[LiveInputs, dict[str, Subscription]]:
+    """Inputs of a robot, and its subscriptions by topic."""
+    robot = robot_with(**log)
+    inputs = LiveInputs(robot, topic_map(robot))
+    return inputs, {one.topic: one for one in inputs.subscriptions()}
 
 
 def halves(log):

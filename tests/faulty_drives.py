@@ -91,6 +91,10 @@ def with_free_wheel(log: Log, begins: float = BEGINS) -> Log:
     return _of_wheels(log, (left, log.tracks.right_wheels))
 
 
+def rotated(angle: float) -> Floats:
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
 def errors(one: Run, log: Log) -> tuple[Floats, Floats, Floats]:
     """Seconds, and errors of position [m] and yaw [rad], of the rows of a run."""
     off = one.states[:, :3] - interpolate_poses(log.truth.poses, one.stamps)

@@ -7,6 +7,11 @@ from icreckon import EstimatorError, FixSpec, Log, Scenario, load_robot, simulat
 ALPHA = load_robot("auriga-alpha")
 
 
+def seconds(value):
+    """Nanoseconds of a time in seconds."""
+    return round(value * 1e9)
+
+
 def known(estimator):
     """All that an estimator says of the robot, to the last bit."""
     arrays = estimator.state, estimator.covariance, estimator.twist, estimator.twist_covariance

@@ -109,6 +109,24 @@ def _decimals(number: str) -> int:
     return len(number.partition(".")[2])
 
 
+def explained_messages(page: str) -> list[str]:
+    """The messages of the table of a page that says what to do; … stands for what is filled in."""
+    (table,) = re.findall(
+        r"^\| message \| what to do \|\n\| --- \| --- \|\n((?:\|.*\n)+)",
+        (ROOT / page).read_text(encoding="utf-8"),
+        flags=re.MULTILINE,
+    )
+    messages = re.findall(r"^\| `(.+?)` \|", table, flags=re.MULTILINE)
+    assert len(messages) == len(table.splitlines())
+    return messages
+
+
+def are_said(messages: list[str], said: set[str]) -> bool:
+    """Whether each message is among literals of the code."""
+    parts = [[part.strip() for part in message.split("…")] for message in messages]
+    return all(any(all(part in one for part in each) for one in said) for each in parts)
+
+
 def literals(*sources: str) -> set[str]:
     """All strings of some files, with … where values are filled in."""
     found: set[str] = set()

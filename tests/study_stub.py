@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from icreckon import Scenario, Study, Sweep
+from icreckon.simulation.running.engines import ENGINES, Engine
 from icreckon.simulation.study.failures import RunScores
 from icreckon.simulation.study.statistics import statistics
 
@@ -20,6 +21,20 @@ STUDY = Study(
     horizons=(5.0,),
     engine="stub",
 )
+
+
+def install(patch):
+    """Engines of no time; figures, which take longest, stay blank."""
+    patch.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: None)
+    for name, threads in (("stub", True), ("stub-processes", False)):
+        engine = Engine(name, "study_stub", block_runs=4, threads=threads)
+        patch.setitem(ENGINES, name, engine)
+
+
+def contents(folder):
+    """What a study leaves, but for its blocks."""
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
 
 # A file that is named here: the first worker that finds it takes it away, and dies.
 DEADLY = "STUDY_STUB_DEADLY"

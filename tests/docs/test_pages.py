@@ -1,7 +1,6 @@
 """The pages for newcomers: their commands run, print what the pages show, and say what they explain."""
 
 import json
-import re
 import shutil
 from itertools import chain
 from pathlib import Path
@@ -13,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from bag_messages import SECOND, imu, write_bag
 from command_line import icreckon
 from conftest import sample_log
-from readme import ROOT, blocks, code_blocks, literals, run_page
+from readme import ROOT, are_said, blocks, code_blocks, explained_messages, literals, run_page
 from tum import read_tum
 
 FIRST = "docs/tutorials/first-bag.md"
@@ -105,15 +104,6 @@ def test_a_log_without_track_speeds_is_told_so(tmp_path: Path) -> None:
 
 
 def test_the_messages_that_are_explained_are_those_that_are_said() -> None:
-    (table,) = re.findall(
-        r"^\| message \| what to do \|\n\| --- \| --- \|\n((?:\|.*\n)+)",
-        (ROOT / FIRST).read_text(encoding="utf-8"),
-        flags=re.MULTILINE,
-    )
-    messages = re.findall(r"^\| `(.+?)` \|", table, flags=re.MULTILINE)
-    assert len(messages) == len(table.splitlines())
     sources = [file for one in PACKAGES for file in (ROOT / one).rglob("*.py")]
     said = literals(*(str(file.relative_to(ROOT)) for file in sources))
-    for message in messages:
-        parts = [part.strip() for part in message.split("…")]
-        assert any(all(part in literal for part in parts) for literal in said), message
+    assert are_said(explained_messages(FIRST), said)

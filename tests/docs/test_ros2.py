@@ -16,7 +16,7 @@ import pytest
 from icreckon import PoseEstimator, load_robot
 from icreckon.replay.live.odometry import live_topics
 from icreckon.ros2.parameters import DESCRIPTIONS, NodeOptions
-from readme import ROOT, blocks, code_blocks, literals, run_page
+from readme import ROOT, are_said, blocks, code_blocks, explained_messages, literals, run_page
 
 LIVE, NODE = "docs/tutorials/live.md", "docs/reference/ros2-node.md"
 FROM_A_BAG, WITHOUT_ROS = "A robot file from a bag", "Without a ROS installation"
@@ -93,14 +93,9 @@ def test_the_messages_that_are_explained_are_those_of_the_log() -> None:
         *(["icreckon/ros2/node.py", "icreckon/ros2/parameters.py", "icreckon/ros2/topics.py"]),
         *("replay/live/odometry.py", "replay/reading/stream.py", "replay/live/silence.py"),
     )
-    (table,) = re.findall(
-        r"^\| message \| what to do \|\n\| --- \| --- \|\n((?:\|.*\n)+)", page(), flags=re.MULTILINE
-    )
-    messages = re.findall(r"^\| `(.+?)` \|", table, flags=re.MULTILINE)
-    assert len(messages) == len(table.splitlines()) > 4
-    for message in messages:
-        parts = [part.strip() for part in message.split("…")]
-        assert any(all(part in one for part in parts) for one in said), message
+    messages = explained_messages(NODE)
+    assert len(messages) > 4
+    assert are_said(messages, said)
 
 
 def copied(dockerfile: Path = DOCKERFILE) -> dict[str, str]:

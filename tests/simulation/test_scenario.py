@@ -2,7 +2,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from icreckon import Patch, Payload, SimulationError, TrackSpeedSeries, load_robot
+from icreckon import Patch, Payload, SimulationError, Terrain, TrackSpeedSeries, load_robot
 from icreckon.estimator.robot.variants import coulomb_gains
 from icreckon.simulation.base.sampling import EPOCH
 from icreckon.simulation.scenario import Scenario, change_scenario, load_scenario, lost_options
@@ -10,6 +10,8 @@ from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec, InertialSpec
 from icreckon.simulation.simulate import run_scenario, simulate
 
 ALPHA = load_robot("auriga-alpha")
+KINEMATIC, PATCHES = {"truth": "kinematic"}, (Patch(friction=0.5),)
+LOADS = (Payload(time=(0.0, 1.0), mass=1.0),)
 SHORT = Scenario(trajectory="aggressive", duration=20.0, seed=4, fixes=FixSpec(heading_sigma=0.02))
 
 
@@ -124,6 +126,10 @@ def test_spread_zero_is_the_robot_file():
         ({"duration": 3e4}, "the true motion at 200 Hz .* makes 6e"),
         ({"outages": ((9.0, 5.0),)}, "an outage must end after it starts, found 9.0 to 5.0 s"),
         ({"outages": ((5.0, 400.0),)}, "an outage must lie within the run of 300.0 s"),
+        (KINEMATIC | {"patches": PATCHES}, "kinematic truth does not support patches"),
+        (KINEMATIC | {"patches": PATCHES, "payloads": LOADS}, "support patches or payloads"),
+        (KINEMATIC | {"track_lag": 0.1}, "kinematic truth does not support track_lag"),
+        (KINEMATIC | {"terrain": Terrain(slope_deg=1.0)}, "truth does not support terrain"),
     ],
 )
 def test_bad_scenarios_are_refused_in_one_line(values, message):
@@ -252,14 +258,3 @@ def test_a_recorded_drive_from_a_file_beside_the_scenario_and_from_memory(tmp_pa
         simulate(SHORT, ALPHA, recording=recording)
     with pytest.raises(SimulationError, match="'recorded' needs trajectory_file"):
         simulate(bare, ALPHA)
-
-
-def test_the_kinematic_truth_refuses_what_it_does_not_know():
-    with pytest.raises(SimulationError, match="truth does not support patches or payloads"):
-        Scenario(
-            truth="kinematic",
-            patches=(Patch(friction=0.5),),
-            payloads=(Payload(time=(0.0, 1.0), mass=1.0),),
-        )
-    with pytest.raises(SimulationError, match="kinematic truth does not support track_lag"):
-        Scenario(truth="kinematic", track_lag=0.1)

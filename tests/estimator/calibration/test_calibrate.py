@@ -15,6 +15,7 @@ from icreckon import Calibration, EstimatorError, Log, Robot, Scenario, calibrat
 from icreckon.estimator.calibration.common_values import KEPT
 from icreckon.estimator.log.lever_arm import at_lever_arm
 from icreckon.estimator.log.series import PoseSeries, TrackSpeedSeries, Truth
+from icreckon.estimator.robot.robot_file import changed_robot
 from icreckon.replay.inspection.latency import track_latency
 from icreckon.simulation.simulate import run_scenario
 
@@ -185,16 +186,9 @@ def test_a_short_log_changes_only_what_it_contradicts(case: Case) -> None:
 
 def found_robot(case: Case) -> Robot:
     """The robot as it truly is."""
-    true = {
-        name.removeprefix("indices."): value
-        for name, value in case.true.items()
-        if name.startswith("indices.")
-    }
-    indices = msgspec.structs.replace(case.robot.indices, **true)
-    tracks = msgspec.structs.replace(
-        case.robot.tracks, difference=case.true["tracks.difference"], scale_sigma=0.01
-    )
-    return msgspec.structs.replace(case.robot, indices=indices, tracks=tracks)
+    names = [name for name in case.true if name.startswith(("indices.", "tracks.difference"))]
+    true = {name: case.true[name] for name in names}
+    return changed_robot(case.robot, true | {"tracks.scale_sigma": 0.01})
 
 
 def part(log: Log, begin: float, end: float) -> Log:
@@ -205,8 +199,7 @@ def part(log: Log, begin: float, end: float) -> Log:
 @pytest.mark.thorough
 def test_without_a_known_place_the_origin_stays(case: Case) -> None:
     """A robot file that does not know where its IMU is: the lever arm is relative to its origin."""
-    imu = msgspec.structs.replace(case.robot.imu, position=(0.0, 0.0, 0.0))
-    robot = msgspec.structs.replace(case.robot, imu=imu)
+    robot = changed_robot(case.robot, {"imu.position": (0.0, 0.0, 0.0)})
     unknown = calibrate([case.log], robot, models=("constant", "inertia"))
     for name in ("zeta0", "epsilon0"):
         held = unknown.parameter(f"indices.{name}")

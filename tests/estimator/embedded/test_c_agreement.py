@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -10,7 +9,7 @@ from agreement_scenes import SCENES
 from c_filters import CFilter, Difference, compare, in_order
 from conftest import sample, thorough
 from icreckon import BodyVelocity, FixSpec, ImuSample, Log, Measurement, TrackSpeeds, ZeroVelocity
-from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.robot_file import changed_robot, load_robot
 from icreckon.estimator.robot.settings import FixWander, Settings
 from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
@@ -237,9 +236,7 @@ def test_saved_bytes_that_do_not_fit_are_refused() -> None:
     for off in (-1.0, np.nan, np.inf):
         assert not again.load(kept, off)
     assert not again.load(bytes(len(kept)), 0.0)
-    heavier = msgspec.structs.replace(
-        ROBOT, vehicle=msgspec.structs.replace(ROBOT.vehicle, mass=2.0 * ROBOT.vehicle.mass)
-    )
+    heavier = changed_robot(ROBOT, {"vehicle.mass": 2.0 * ROBOT.vehicle.mass})
     assert not CFilter(heavier, "inertia-online").load(kept, 0.0)
     assert (again.state == before).all()
     assert again.load(kept, 0.0)

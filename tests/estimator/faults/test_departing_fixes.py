@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from agreement_scenes import with_poses
 from conftest import thorough
-from faulty_drives import errors, with_rates
+from faulty_drives import errors, rotated, with_rates
 from icreckon import FixSpec, Log, PoseEstimator, Scenario, Settings, run, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
@@ -32,10 +32,6 @@ SPEED, FASTEST, GAUGE = 0.5, 1.5, 1.2
 # Standard deviations of an innovation, ahead and to the left [m].
 AHEAD, LEFT = 0.05, 0.03
 VALUES = st.floats(-10.0, 10.0)
-
-
-def rotated(angle: float) -> np.ndarray:
-    return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
 
 
 def departed(

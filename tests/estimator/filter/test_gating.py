@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from fed_estimators import known
+from fed_estimators import known, seconds
 from icreckon import BodyVelocity, ImuSample, PoseEstimator, PositionFix, TrackSpeeds, load_robot
 from icreckon.estimator.base import state as s
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, LONGEST_COUNTED, Gate
@@ -34,10 +34,10 @@ def test_one_admitted_sample_starts_the_time_again():
 def test_a_pause_of_the_sensor_and_a_clock_that_was_set_back_count_little():
     gate = Gate(1, 10.0)
     assert gate.interval_to(0) == 0.0
-    gate.keep(second(100.0), ADMITTED, np.zeros(1), np.eye(1))
-    assert gate.interval_to(second(100.2)) == pytest.approx(0.2)
-    assert gate.interval_to(second(500.0)) == LONGEST_COUNTED
-    assert gate.interval_to(second(50.0)) == 0.0
+    gate.keep(seconds(100.0), ADMITTED, np.zeros(1), np.eye(1))
+    assert gate.interval_to(seconds(100.2)) == pytest.approx(0.2)
+    assert gate.interval_to(seconds(500.0)) == LONGEST_COUNTED
+    assert gate.interval_to(seconds(50.0)) == 0.0
 
 
 @pytest.mark.parametrize("hertz", [1, 10])
@@ -46,7 +46,7 @@ def test_wrong_fixes_are_used_after_the_same_time_at_any_rate(hertz, distance, e
     """At 1 m/s. Ten rejections in a row were enough, a second at 10 Hz."""
     estimator, wrong = PoseEstimator(ALPHA, "constant-online"), []
     for k in range(350):
-        stamp = second(0.1 * k)
+        stamp = seconds(0.1 * k)
         estimator.feed(TrackSpeeds(stamp, 0.2, 0.2))
         estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81)))
         if k % (10 // hertz) == 0:
@@ -63,7 +63,7 @@ def test_the_second_rejected_sample_of_the_imu_in_a_row_is_used(hertz):
     """No other sensor replaces the IMU. One wrong sample alone moves nothing."""
     estimator = PoseEstimator(ALPHA, "inertia-online")
     for k in range(4 * hertz):
-        stamp, force = second(k / hertz), 20.0 if k >= 3 * hertz else 0.0
+        stamp, force = seconds(k / hertz), 20.0 if k >= 3 * hertz else 0.0
         estimator.feed(TrackSpeeds(stamp, 0.5, 0.5))
         estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (force, 0.0, 9.81)))
     ahead = estimator.health.sensors["accelerometer_x"]
@@ -71,17 +71,13 @@ def test_the_second_rejected_sample_of_the_imu_in_a_row_is_used(hertz):
     assert ahead.rejected["gate"] == ahead.reacquired < 5
 
 
-def second(value):
-    return round(value * 1e9)
-
-
 def standing_since(rates, speeds=(0.0, 0.0), estimator=None):
     """When an estimator first finds that the robot stands [s], or None; IMU at 100 Hz from 0 s."""
     estimator = estimator or PoseEstimator(ALPHA)
     for k, rate in enumerate(rates):
         if k % 2 == 0:
-            estimator.feed(TrackSpeeds(second(k / 100), *speeds))
-        estimator.feed(ImuSample(second(k / 100), (0.0, 0.0, rate)))
+            estimator.feed(TrackSpeeds(seconds(k / 100), *speeds))
+        estimator.feed(ImuSample(seconds(k / 100), (0.0, 0.0, rate)))
         if estimator.stands:
             return k / 100
     return None
@@ -91,8 +87,8 @@ def test_robot_stands_after_half_a_second_of_rest():
     estimator = PoseEstimator(ALPHA)
     assert standing_since([0.0] * 100, estimator=estimator) == 0.5
     # Driving on ends it at once.
-    estimator.feed(TrackSpeeds(second(0.51), 0.3, 0.3))
-    estimator.feed(ImuSample(second(0.51), (0.0, 0.0, 0.0)))
+    estimator.feed(TrackSpeeds(seconds(0.51), 0.3, 0.3))
+    estimator.feed(ImuSample(seconds(0.51), (0.0, 0.0, 0.0)))
     assert not estimator.stands
 
 

@@ -2,11 +2,10 @@
 
 import math
 
-import msgspec
 import numpy as np
 import pytest
 
-from fed_estimators import feed_all, short_log
+from fed_estimators import feed_all, seconds, short_log
 from icreckon import (
     EstimatorError,
     FixSpec,
@@ -14,12 +13,14 @@ from icreckon import (
     Scenario,
     Settings,
     Slip,
+    changed_robot,
     load_robot,
     simulate,
 )
 from icreckon.estimator.base.frames import compose, relative, rpy_to_matrix
 from icreckon.estimator.filter.clones import MOST_MARKS, RelativeMotion
 from icreckon.estimator.log.measurements import HeadingFix, ImuSample, PositionFix, TrackSpeeds
+from same_runs import assert_same_estimate
 
 ALPHA = load_robot("auriga-alpha")
 GAUGE = ALPHA.vehicle.track_gauge
@@ -31,14 +32,7 @@ NO_SLIP = Slip(
 )
 # White noise of each track's speed [m/s/√Hz], and nothing else that is not known.
 NOISE = 0.01
-NOISY = msgspec.structs.replace(
-    ALPHA,
-    tracks=msgspec.structs.replace(ALPHA.tracks, speed_noise_density=NOISE, difference_sigma=0.0),
-)
-
-
-def seconds(value):
-    return round(value * 1e9)
+NOISY = changed_robot(ALPHA, {"tracks.speed_noise_density": NOISE, "tracks.difference_sigma": 0.0})
 
 
 def drive(left, right, steps, begin=0, estimator=None, **options):
@@ -161,13 +155,7 @@ def test_marks_do_not_change_the_estimate():
     plain = feed_all(PoseEstimator(ALPHA, start_sigma=(0.1, 0.1, 0.1)), MEASUREMENTS)
     marked = fed_in_order()
     assert marked.marks == (FIRST, SECOND)
-    sigmas = np.sqrt(np.diagonal(plain.covariance))
-    unit = np.where(sigmas > 0.0, sigmas, 1.0)
-    assert (np.abs(marked.state - plain.state) < 1e-9 * unit).all()
-    assert (np.abs(marked.covariance - plain.covariance) < 1e-9 * np.outer(unit, unit)).all()
-    assert marked.health.rejections() == plain.health.rejections()
-    for name, sensor in plain.health.sensors.items():
-        assert marked.health.sensors[name].used == sensor.used
+    assert_same_estimate(marked, plain)
 
 
 def test_what_comes_late_counts_as_if_it_had_come_in_time():

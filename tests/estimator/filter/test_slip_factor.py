@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from faulty_drives import errors
+from faulty_drives import errors, rotated
 from icreckon import Patch, Robot, Scenario, run, simulate
 from icreckon.estimator.filter.slip_factor import (
     FACTOR_WEIGHT,
@@ -22,10 +22,6 @@ from icreckon.estimator.filter.slip_factor import (
 
 VALUES = st.floats(-3.0, 3.0)
 NEW = (0.0, 0.0, 1.0)
-
-
-def rotated(angle: float) -> np.ndarray:
-    return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
 
 
 @given(z=st.tuples(VALUES, VALUES), root=st.tuples(VALUES, VALUES, VALUES), yaw=VALUES)

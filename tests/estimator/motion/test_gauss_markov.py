@@ -2,15 +2,10 @@
 
 import math
 
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from icreckon.estimator.motion.propagation import SHORT, gauss_markov
-
-TIMES = st.floats(1e-4, 20.0)
 
 
 @pytest.mark.parametrize("ratio", [0.3 * SHORT, 0.999 * SHORT, SHORT, 1.001 * SHORT, 1.0, 7.0])
@@ -31,18 +26,6 @@ def test_it_is_what_the_integrals_of_the_process_are(ratio: float) -> None:
     assert found.integral == pytest.approx(of(lambda age: left(age) ** 2), rel=1e-10)
     assert found.cross == pytest.approx(of(lambda age: left(age) * math.exp(-age / tau)), rel=1e-10)
     assert found.final == pytest.approx(of(lambda age: math.exp(-2.0 * age / tau)), rel=1e-10)
-
-
-@given(first=TIMES, second=TIMES, tau=st.floats(0.05, 50.0))
-def test_two_steps_are_one(first: float, second: float, tau: float) -> None:
-    def matrices(dt: float) -> tuple[np.ndarray, np.ndarray]:
-        one = gauss_markov(dt, tau)
-        F = np.array([[1.0, one.mean * dt], [0.0, one.decay]])
-        return F, np.array([[one.integral, one.cross], [one.cross, one.final]])
-
-    (F1, Q1), (F2, Q2), (F, Q) = map(matrices, (first, second, first + second))
-    np.testing.assert_allclose(F2 @ F1, F, rtol=1e-10, atol=1e-300)
-    np.testing.assert_allclose(F2 @ Q1 @ F2.T + Q2, Q, rtol=1e-9, atol=1e-300)
 
 
 def test_no_time_changes_nothing() -> None:

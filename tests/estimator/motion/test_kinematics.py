@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from icreckon import IndexValues, load_robot
 from icreckon.estimator.motion.icr import (
@@ -31,10 +29,6 @@ MASS, X_CM, Y_CM = 200.0, -0.1, 0.2
 
 # zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 of Auriga-alpha, section III-C.
 PUBLISHED = (0.67134, 0.048, 0.0002424, 0.106, 0.0011, 2.62, 0.0019, 0.00001)
-
-speeds = st.floats(-3.0, 3.0)
-indices = st.builds(IndexValues, st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(1.0, 8.0))
-twists = st.builds(PaperTwist, speeds, speeds, speeds)
 
 
 def test_motion_icrs_and_indices_by_hand():
@@ -67,43 +61,6 @@ def test_inertia_by_hand():
 def test_literal_polynomials_at_100_newton(x_1, x_2, zeta, epsilon, eta):
     values = indices_at_inertia(100.0, x_1, x_2, PUBLISHED)
     assert values == pytest.approx((zeta, epsilon, eta), rel=1e-14)
-
-
-@given(V_l=speeds, V_r=speeds, values=indices, gauge=st.floats(0.2, 2.0))
-def test_inverse_undoes_direct(V_l, V_r, values, gauge):
-    twist = direct(V_l, V_r, values, gauge)
-    back = inverse(twist.v_y, twist.w, values, gauge)
-    assert back == pytest.approx((V_l, V_r), abs=1e-13)
-
-
-@given(V_l=speeds, difference=st.floats(0.01, 3.0), values=indices, gauge=st.floats(0.2, 2.0))
-def test_indices_of_a_motion_are_those_it_was_made_with(V_l, difference, values, gauge):
-    V_r = V_l + difference
-    twist = direct(V_l, V_r, values, gauge)
-    found = indices_from_icrs(icrs_from_twist(V_l, V_r, twist), gauge)
-    assert found == pytest.approx(values, abs=1e-10)
-
-
-@given(V_l=speeds, V_r=speeds, values=indices)
-def test_each_track_touches_the_ground_without_slip_at_its_icr(V_l, V_r, values):
-    twist = direct(V_l, V_r, values, GAUGE)
-    left, right, y = icrs_from_indices(values, GAUGE)
-    # Velocity of the track's material at a point: that of the vehicle there, less the track's own.
-    for x, speed in ((left, V_l), (right, V_r)):
-        assert twist.v_y + twist.w * x == pytest.approx(speed, abs=1e-13)
-        assert twist.v_x - twist.w * y == pytest.approx(0.0, abs=1e-13)
-
-
-@given(twist=twists, mass=st.floats(1.0, 500.0), x_CM=speeds, y_CM=speeds, z_CM=speeds)
-def test_inertia_is_minus_mass_times_w_cross_v_of_the_centre_of_mass(twist, mass, x_CM, y_CM, z_CM):
-    w = np.array([0.0, 0.0, twist.w])
-    v_CM = np.array([twist.v_x, twist.v_y, 0.0]) + np.cross(w, [x_CM, y_CM, z_CM])
-    force = -mass * np.cross(w, v_CM)
-    rounding = 1e-12 * mass
-    assert (*inertial_force(twist, mass, x_CM, y_CM), 0.0) == pytest.approx(force, abs=rounding)
-    assert inertial_force_magnitude(twist, mass, x_CM, y_CM) == pytest.approx(
-        np.linalg.norm(force), abs=rounding
-    )
 
 
 def test_icrs_of_straight_motion_are_at_infinity():

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from conftest import sample
@@ -12,6 +11,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.log.measurements import HeadingFix, PositionFix
 from icreckon.estimator.reference.filter import ReferenceFilter
 from icreckon.estimator.robot.robot_file import Robot, load_robot
+from same_runs import apart
 
 ALPHA = load_robot("auriga-alpha")
 START = {"start": (0.05, -0.02, 0.04), "start_sigma": (0.1, 0.1, 0.1)}
@@ -24,11 +24,7 @@ def both(log: Log, variant: str, robot: Robot = ALPHA) -> PoseEstimator:
         product.feed(m)
         textbook.take(m)
         if k % 50 == 0:
-            P = textbook.ekf.P
-            sigmas = np.sqrt(np.diagonal(P))
-            unit = np.where(sigmas > 0.0, sigmas, 1.0)
-            assert np.abs((product.state - textbook.ekf.x) / unit).max() < 1e-9
-            assert np.abs((product.covariance - P) / np.outer(unit, unit)).max() < 1e-9
+            assert apart(product, textbook.ekf.x, textbook.ekf.P) < 1e-9
     return product
 
 

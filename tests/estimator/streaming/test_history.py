@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fed_estimators import feed_all, known, short_log
+from fed_estimators import feed_all, known, seconds, short_log
 from icreckon import PoseEstimator, SensorHealth, Settings, load_robot
 from icreckon.estimator.log.input_checks import key_of
 from icreckon.estimator.log.measurements import (
@@ -25,10 +25,6 @@ ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_123_456_789
 STEP = 10_000_000
 COVARIANCE = ((0.04, 0.01, 0.0), (0.01, 0.05, 0.02), (0.0, 0.02, 0.3))
-
-
-def seconds(value):
-    return round(value * 1e9)
 
 
 def some_measurements():
@@ -129,27 +125,6 @@ def test_without_a_history_equal_stamps_still_have_their_order():
     backward = sorted(MEASUREMENTS, key=lambda m: (m.stamp, -key_of(m)[1]))
     assert backward != MEASUREMENTS
     assert known_in_any_order(fed(backward, settings=Settings(history=0.0))) == in_order()
-
-
-def test_the_first_of_two_with_one_stamp_counts():
-    estimator = fed(MEASUREMENTS[:200])
-    old = MEASUREMENTS[180]
-    before, rejected = known(estimator), sum(estimator.health.rejections().values())
-    assert estimator.feed(old) is False
-    assert sum(estimator.health.rejections().values()) == 1 + rejected
-    assert known(estimator) == before
-
-
-def test_imu_samples_before_the_first_track_speeds_are_used_when_these_come_late():
-    stamps = [EPOCH + k * STEP for k in range(50)]
-    imu = [ImuSample(stamp, (0.0, 0.0, 0.1)) for stamp in stamps]
-    first = TrackSpeeds(EPOCH - 1, 0.3, 0.4)
-    estimator = fed(imu)
-    assert estimator.stamp is None
-    assert estimator.health.sensors["imu"].rejected == {"before the first track speeds": 50}
-    assert estimator.feed(first) is True
-    assert estimator.health.rejections() == {}
-    assert known(estimator) == known(fed([first, *imu]))
 
 
 def test_an_array_that_the_driver_uses_again_does_not_change_the_past():

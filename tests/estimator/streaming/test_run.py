@@ -10,6 +10,7 @@ import pytest
 from icreckon import VARIANTS, Comparison, Log, PoseEstimator, Scenario, load_robot, run, simulate
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.streaming.smoother import smooth
 
 ALPHA = load_robot("auriga-alpha")
 
@@ -75,9 +76,10 @@ def test_refused_track_speeds_have_no_row(log):
 def test_log_without_track_speeds_says_what_is_missing():
     stamps = np.array([1, 2], dtype=np.int64)
     empty = TrackSpeedSeries(stamps[:0], np.zeros((0, 2)))
-    for imu in (ImuSeries(stamps, np.zeros((2, 3))), None):
+    imu = ImuSeries(stamps, np.zeros((2, 3)))
+    for filtered, given in ((run, imu), (run, None), (smooth, imu)):
         with pytest.raises(EstimatorError, match="'imu only' holds no track speeds"):
-            run(Log("imu only", empty, imu), ALPHA, "inertia-online")
+            filtered(Log("imu only", empty, given), ALPHA, "inertia-online")
 
 
 # The signatures of all compiled functions of a process, before and after a drive with every kind of

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from fed_estimators import feed_all, known_with_health, short_log
-from icreckon import VARIANTS, Adaptation, EstimatorError, PoseEstimator, load_robot
+from icreckon import VARIANTS, Adaptation, EstimatorError, PoseEstimator, changed_robot, load_robot
 from icreckon.estimator.base import state as s
 from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
 from icreckon.estimator.robot.settings import Settings, StandstillSettings
@@ -19,6 +19,7 @@ ALPHA = load_robot("auriga-alpha")
 STEP = 10_000_000
 MEASUREMENTS = list(short_log(duration=8.0, seed=12, truth="kinematic").measurements())
 HALF = len(MEASUREMENTS) * 2 // 3
+LOADS = PoseEstimator.restore, lambda *args: PoseEstimator.warm_start(*args, off=0.0)
 
 
 def through_a_file(estimator, folder):
@@ -189,6 +190,12 @@ def test_what_no_estimator_knows_is_refused(saved, what):
     assert "\n" not in str(found.value)
 
 
+def test_a_warm_start_refuses_nonsense_too(saved):
+    rewrite(saved, set_entry(20, 20, -1.0))
+    with pytest.raises(EstimatorError, match="variances must be from 0"):
+        PoseEstimator.warm_start(saved, ALPHA, off=1.0)
+
+
 def test_marks_that_no_estimator_has_are_refused(half_way, tmp_path):
     path = tmp_path / "saved.json"
     for count in range(2):
@@ -204,12 +211,6 @@ def test_marks_that_no_estimator_has_are_refused(half_way, tmp_path):
         rewrite(path, now(lambda c, change=change: change(c["marks"])))
         with pytest.raises(EstimatorError, match=message):
             PoseEstimator.restore(path, ALPHA)
-
-
-def test_a_warm_start_refuses_nonsense_too(saved):
-    rewrite(saved, set_entry(20, 20, -1.0))
-    with pytest.raises(EstimatorError, match="variances must be from 0"):
-        PoseEstimator.warm_start(saved, ALPHA, off=1.0)
 
 
 @pytest.mark.parametrize("by", [-(10**13), 10**13])
@@ -248,19 +249,10 @@ def test_another_version_of_the_format_is_refused(saved):
         PoseEstimator.restore(saved, ALPHA)
 
 
-LOADS = PoseEstimator.restore, lambda *args: PoseEstimator.warm_start(*args, off=0.0)
-
-
 def test_another_variant_is_refused(saved):
     for load in LOADS:
         with pytest.raises(EstimatorError, match="'inertia-online', not 'inertia-fixed'"):
             load(saved, ALPHA, "inertia-fixed")
-
-
-def changed(table, **values):
-    return msgspec.structs.replace(
-        ALPHA, **{table: msgspec.structs.replace(getattr(ALPHA, table), **values)}
-    )
 
 
 def test_windows_of_long_ago_are_not_stepped_through(saved):
@@ -276,7 +268,7 @@ def test_windows_of_long_ago_are_not_stepped_through(saved):
 
 
 def test_another_robot_is_refused_and_the_message_says_what_differs(saved):
-    other = changed("vehicle", mass=300.0)
+    other = changed_robot(ALPHA, {"vehicle.mass": 300.0})
     renamed = msgspec.structs.replace(other, name="beta")
     for load in LOADS:
         with pytest.raises(EstimatorError, match=r"vehicle\.mass = 258\.0, here it is 300\.0"):
@@ -286,11 +278,11 @@ def test_another_robot_is_refused_and_the_message_says_what_differs(saved):
 
 
 def test_other_noise_is_refused_for_going_on_but_not_for_a_warm_start(saved):
-    other = changed("imu", gyro_noise_density=2e-3)
+    other = changed_robot(ALPHA, {"imu.gyro_noise_density": 2e-3})
     with pytest.raises(EstimatorError, match=r"imu\.gyro_noise_density .* make a warm start"):
         PoseEstimator.restore(saved, other)
     PoseEstimator.warm_start(saved, other, off=0.0)
-    turned = changed("imu", rotation_rpy_deg=(180.0, 0.0, 0.0))
+    turned = changed_robot(ALPHA, {"imu.rotation_rpy_deg": (180.0, 0.0, 0.0)})
     with pytest.raises(EstimatorError, match=r"imu\.rotation_rpy_deg"):
         PoseEstimator.warm_start(saved, turned, off=0.0)
     with pytest.raises(EstimatorError, match=r"use the same robot file, or start again$"):

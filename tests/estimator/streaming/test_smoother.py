@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from conftest import holed
-from icreckon import EstimatorError, FixSpec, Log, Scenario, load_robot, run, simulate, smooth
+from icreckon import FixSpec, Scenario, changed_robot, load_robot, run, simulate, smooth
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.log.measurements import BodyVelocity, PoseFix, ZeroVelocity
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.log.series import FixSeries, TrackSpeedSeries
+from icreckon.estimator.log.series import FixSeries
 from icreckon.estimator.streaming import smoother
 
 ALPHA = load_robot("auriga-alpha")
@@ -208,9 +208,7 @@ def test_an_accelerometer_that_reads_too_much_does_not_stretch_the_path(log):
     imu = log.imu
     forces = imu.linear_acceleration * [1.3, 1.3, 1.0]
     alone = replace(log, fixes=None, truth=None, imu=replace(imu, linear_acceleration=forces))
-    robot = msgspec.structs.replace(
-        ALPHA, tracks=msgspec.structs.replace(ALPHA.tracks, scale_sigma=0.1)
-    )
+    robot = changed_robot(ALPHA, {"tracks.scale_sigma": 0.1})
     before, after = smooth(alone, robot, "inertia-online")
     fixed = [s.TRACK_SCALE, s.PARAMETERS.start + 1, s.PARAMETERS.start + 3]
     np.testing.assert_allclose(after.states[:, fixed], before.states[:, fixed], atol=1e-9)
@@ -240,13 +238,8 @@ def test_where_the_heading_is_lost_nothing_is_smoothed_across():
 
 def test_smoothed_parameters_are_inside_their_bounds(log):
     """Of a robot that turns almost as an ideal differential drive would."""
-    vehicle = msgspec.structs.replace(ALPHA.vehicle, track_gauge=1.4)
-    wide = msgspec.structs.replace(
-        ALPHA,
-        vehicle=vehicle,
-        indices=msgspec.structs.replace(ALPHA.indices, eta0=1.01),
-        constant_icr=None,
-    )
+    robot = msgspec.structs.replace(ALPHA, constant_icr=None)
+    wide = changed_robot(robot, {"vehicle.track_gauge": 1.4, "indices.eta0": 1.01})
     before, after = smooth(log, wide, "constant-online", **START)
     assert before.states[:, s.ETA0].min() < 1.0 + 1e-9, "or there is nothing to see here"
     assert after.states[:, s.ETA0].min() >= 1.0 - 1e-9
@@ -262,9 +255,3 @@ def test_standing_still_is_as_certain_as_can_be():
     slack = np.full(s.SIZE, 1e-12)
     slack[s.POSE] = 1e-7
     assert (after.state_sigmas <= before.state_sigmas * (1.0 + 1e-3) + slack).all()
-
-
-def test_a_log_without_track_speeds_is_refused():
-    empty = TrackSpeedSeries(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
-    with pytest.raises(EstimatorError, match="holds no track speeds"):
-        smooth(Log("empty", empty), ALPHA, "inertia-online")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fed_estimators import feed_all, known, short_log
-from icreckon import Log, PoseEstimator, Scenario, Terrain, load_robot, simulate
+from icreckon import Log, PoseEstimator, Scenario, Terrain, changed_robot, load_robot, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import compose, rpy_to_matrix
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
@@ -64,10 +64,8 @@ def mirrored_log(log):
 
 @pytest.mark.parametrize("variant", ["gyro", "full-linear", "inertia-online"])
 def test_mirrored_robot_drives_the_mirrored_way(variant):
-    mount = msgspec.structs.replace(
-        ALPHA.imu, rotation_rpy_deg=(8.0, -5.0, 30.0), position=(0.2, 0.1, 0.3)
-    )
-    robot = msgspec.structs.replace(ALPHA, imu=mount)
+    mount = {"imu.rotation_rpy_deg": (8.0, -5.0, 30.0), "imu.position": (0.2, 0.1, 0.3)}
+    robot = changed_robot(ALPHA, mount)
     scenario = Scenario(
         duration=20.0, trajectory="aggressive", seed=6, track_rate=25.0, imu_rate=50.0,
         terrain=Terrain(slope_deg=6.0, uphill_deg=40.0),
@@ -109,9 +107,7 @@ MOUNTS = [(180.0, 0.0, 0.0), (0.0, 10.0, -40.0), (-25.0, 15.0, 170.0), (90.0, 0.
 @pytest.mark.parametrize("rpy", MOUNTS)
 def test_mount_of_the_imu_does_not_matter(rpy):
     log = short_log(duration=8.0)
-    turned = msgspec.structs.replace(
-        ALPHA, imu=msgspec.structs.replace(ALPHA.imu, rotation_rpy_deg=rpy)
-    )
+    turned = changed_robot(ALPHA, {"imu.rotation_rpy_deg": rpy})
     # From the body's axes to the IMU's: rows times R are R^T times columns.
     R = rpy_to_matrix(*np.radians(rpy))
     imu = ImuSeries(log.imu.stamps, log.imu.angular_velocity @ R, log.imu.linear_acceleration @ R)
@@ -123,16 +119,15 @@ def test_gyro_that_reads_z_alone_reads_the_yaw_rate_over_the_tilt(rpy):
     log = short_log(duration=8.0)
     flat = log.imu.angular_velocity * [0.0, 0.0, 1.0]
     upright = replace(log, imu=ImuSeries(log.imu.stamps, flat))
-    tilted_imu = msgspec.structs.replace(ALPHA.imu, rotation_rpy_deg=rpy, gyro_axes="z")
+    tilted_robot = changed_robot(ALPHA, {"imu.rotation_rpy_deg": rpy, "imu.gyro_axes": "z"})
     R = rpy_to_matrix(*np.radians(rpy))
     z_alone = (flat @ R) * [0.0, 0.0, 1.0]
     tilted = replace(log, imu=ImuSeries(log.imu.stamps, z_alone))
-    assert_same_state(ALPHA, upright, msgspec.structs.replace(ALPHA, imu=tilted_imu), tilted)
+    assert_same_state(ALPHA, upright, tilted_robot, tilted)
 
 
 def test_known_scale_of_the_gyro_is_taken_out():
     log = short_log(duration=8.0)
     scaled = replace(log.imu, angular_velocity=0.98 * log.imu.angular_velocity)
-    imu = msgspec.structs.replace(ALPHA.imu, gyro_scale=0.98)
-    robot = msgspec.structs.replace(ALPHA, imu=imu)
+    robot = changed_robot(ALPHA, {"imu.gyro_scale": 0.98})
     assert_same_state(ALPHA, log, robot, replace(log, imu=scaled))

@@ -3,11 +3,10 @@
 import functools
 from dataclasses import replace
 
-import msgspec
 import numpy as np
 import pytest
 
-from icreckon import Log, PoseEstimator, Settings, feed_arrays, load_robot
+from icreckon import Log, PoseEstimator, Settings, changed_robot, feed_arrays, load_robot
 from icreckon.estimator.base import state as s
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 
@@ -19,8 +18,7 @@ RATES = pytest.mark.parametrize("rate", [50, 400])
 
 
 def robot_with(density):
-    imu = msgspec.structs.replace(ALPHA.imu, gyro_noise_density=density)
-    return msgspec.structs.replace(ALPHA, imu=imu)
+    return changed_robot(ALPHA, {"imu.gyro_noise_density": density})
 
 
 def stamps_of(t):

@@ -42,10 +42,6 @@ def finished(*processes: subprocess.Popen[str]) -> None:
     assert all(code == 0 for _, code in ended), ended
 
 
-def results(folder: Path) -> Any:
-    return results_in(folder)
-
-
 def all_numbers(value: Any) -> list[float]:
     if isinstance(value, dict):
         return [number for one in value.values() for number in all_numbers(one)]
@@ -88,7 +84,7 @@ def test_shipped_studies_run_through_and_compile_nothing(prepared, tmp_path):
     )
     assert set(prepared.rglob("*.kernel")) == kernels
     for name in study_names():
-        numbers = all_numbers(results(tmp_path / name)["overall"])
+        numbers = all_numbers(results_in(tmp_path / name)["overall"])
         assert len(numbers) > 100, name
         assert all(math.isfinite(number) and abs(number) < 1e9 for number in numbers), name
 
@@ -117,6 +113,6 @@ def test_replays_at_once_say_what_one_after_prepare_says(prepared, tmp_path, tmp
     kernels = set(prepared.rglob("*.kernel"))
     finished(replay(prepared, "prepared"))
     assert set(prepared.rglob("*.kernel")) == kernels
-    expected = results(tmp_path / "prepared")["variants"]
+    expected = results_in(tmp_path / "prepared")["variants"]
     for out in ("one", "other"):
-        assert results(tmp_path / out)["variants"] == expected
+        assert results_in(tmp_path / out)["variants"] == expected

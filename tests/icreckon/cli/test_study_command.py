@@ -38,8 +38,8 @@ def finished_blocks(cwd: Path) -> int:
 
 
 def contents(cwd: Path) -> dict[str, bytes]:
-    folder = cwd / "icreckon-study" / "tiny"
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    found: dict[str, bytes] = study_stub.contents(cwd / "icreckon-study" / "tiny")
+    return found
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -18,7 +18,7 @@ from markupsafe import escape
 from icreckon import Comparison, ReplayError, Scenario, compare, load_robot, simulate, summarise
 from icreckon.replay.comparison import plot_series
 from icreckon.replay.comparison.results import write_results
-from icreckon.report.printable import change, change_range
+from icreckon.report.printable import change
 from icreckon.report.replay.folder import write_views
 from icreckon.report.replay.page import replay_page
 from icreckon.report.replay.page_charts import constant_parameters, page_data
@@ -235,19 +235,6 @@ def test_a_lead_that_may_be_chance_is_called_so(results: dict[str, Any]) -> None
     told = said(results, ratio_95=None, drift_percent_95=None)
     assert "The log is too short to say" in told
     assert "interval" not in told
-
-
-@pytest.mark.parametrize(
-    ("ratio", "interval", "text"),
-    [
-        (0.33, (0.24, 0.45), "67 % less (95 %: 55 to 76 % less)"),
-        (1.2, (1.1, 1.3), "20 % more (95 %: 10 to 30 % more)"),
-        (0.995, (0.9, 1.1), "0.5 % less (95 %: 10 % less to 10 % more)"),
-        (0.5, None, "50 % less"),
-    ],
-)
-def test_ratios_are_changes(ratio, interval, text) -> None:
-    assert change(ratio) + change_range(interval) == text
 
 
 def test_errors_are_compared_with_what_the_filter_predicts(changed: dict[str, Any]) -> None:

@@ -4,7 +4,6 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -157,7 +156,11 @@ def test_several_logs_are_scored_together(logs: list[Log], tmp_path: Path) -> No
     assert pooled["variants"]["gyro"]["drift_ratio_10s"] == pytest.approx(1.0)
     assert pooled["verdict"]["best"] in VARIANTS
     assert found["ratios"] == {}
-    verdict_counts_the_logs_in_which_the_best_drifts_less(found)
+    verdict = pooled["verdict"]
+    best, baseline = verdict["best"], verdict["baseline"]
+    key = f"drift_percent_{verdict['horizon']}_mean"
+    less = [one["variants"][best][key] < one["variants"][baseline][key] for one in found["logs"]]
+    assert (verdict["logs_with_less"], verdict["logs_scored"]) == (sum(less), 2)
 
 
 def test_the_same_robot_twice_has_a_ratio_of_one(logs: list[Log]) -> None:
@@ -185,11 +188,3 @@ def test_parts_of_one_recording_are_noted(logs: list[Log]) -> None:
     (note,) = found["notes"]
     assert note.startswith("b begins")
     assert "--one-log" in note
-
-
-def verdict_counts_the_logs_in_which_the_best_drifts_less(found: dict[str, Any]) -> None:
-    verdict = found["pooled"][ROBOT.name]["verdict"]
-    best, baseline = verdict["best"], verdict["baseline"]
-    key = f"drift_percent_{verdict['horizon']}_mean"
-    less = [one["variants"][best][key] < one["variants"][baseline][key] for one in found["logs"]]
-    assert (verdict["logs_with_less"], verdict["logs_scored"]) == (sum(less), 2)

@@ -1,7 +1,6 @@
 """Latency: found against the gyro, proposed, taken off the stamps, and worth it on the real logs."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,12 +42,6 @@ def test_the_latency_of_tracks_is_found(late: float) -> None:
     assert found.seconds == pytest.approx(late, abs=0.004)
     assert found.sigma < 0.005
     assert (not objection(found)) == (abs(late) > 0.03)
-
-
-def test_scale_and_bias_are_no_latency() -> None:
-    tracks, imu, vertical = turning(late=0.1)
-    scaled = track_latency(replace(tracks, speeds=7.0 * tracks.speeds), imu, 0.8 * vertical + 0.1)
-    assert scaled.seconds == pytest.approx(0.1, abs=0.004)
 
 
 def mapped(robot: Robot, **latencies: float) -> Robot:

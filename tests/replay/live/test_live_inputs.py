@@ -9,22 +9,13 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 import bag_messages as made
-from bag_messages import JOINTS, SECOND, STORE, T, joints, robot_with, write_bag
+from bag_messages import JOINTS, SECOND, STORE, T, joints, live_inputs, robot_with, write_bag
 from icreckon import ImuSample, Measurement, ReplayError, Robot, TrackSpeeds, read_log
 from icreckon.replay.live.apart_messages import ApartMessages
-from icreckon.replay.live.inputs import LiveInputs, Subscription
-from icreckon.replay.mapping.topics import topic_map
 
 T0 = 1_700_000_000 * SECOND
 STAMPS = [T0 + k * SECOND // 20 for k in range(40)]
 TRACKS = [("/js", joints(stamp, (1.0 + 0.1 * k, 2.0))) for k, stamp in enumerate(STAMPS)]
-
-
-def live_inputs(**log: Any) -> tuple[LiveInputs, dict[str, Subscription]]:
-    """Inputs of a robot, and its subscriptions by topic."""
-    robot = robot_with(**log)
-    inputs = LiveInputs(robot, topic_map(robot))
-    return inputs, {one.topic: one for one in inputs.subscriptions()}
 
 
 def through(bag: Path, robot: Robot) -> list[Measurement]:
@@ -159,9 +150,8 @@ def test_counters_wrap_and_pause_as_in_a_replay(tmp_path: Path) -> None:
     stream = []
     for k, stamp in enumerate(STAMPS):
         late = 3 * SECOND // 2 if k >= 20 else 0
-        message = joints(stamp + late, (0.0, 0.0))
-        message.position = np.array([7.0 * k % 100.0, -9.0 * k % 100.0])
-        stream.append(("/js", message))
+        positions = 7.0 * k % 100.0, -9.0 * k % 100.0
+        stream.append(("/js", joints(stamp + late, (0.0, 0.0), positions=positions)))
     robot = robot_with(tracks=JOINTS | {"unit": "counts", "counts_per_turn": 1e3, "wrap": 100.0})
     bag = write_bag(tmp_path / "bag", stream)
     assert len(read_alike(bag, robot)) == len(STAMPS) - 2
@@ -176,9 +166,7 @@ def test_wheels_in_messages_of_their_own_are_interpolated(every, unit, tmp_path:
         found = [(stamp, "l", 1.0 + 0.5 * k)]
         found += [(stamp + 17_000_000, "r", 2.0 - 0.2 * k)] if k % every == 0 else []
         for when, name, value in found:
-            message = joints(when, (value,), (name,))
-            message.position = np.array([7.0 * value % 100.0])
-            stream.append(("/js", message))
+            stream.append(("/js", joints(when, (value,), (name,), (7.0 * value % 100.0,))))
     given = {} if unit == "rad/s" else {"unit": unit, "counts_per_turn": 1e3, "wrap": 100.0}
     robot = robot_with(tracks=JOINTS | given)
     bag = write_bag(tmp_path / "bag", stream)

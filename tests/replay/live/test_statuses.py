@@ -2,14 +2,13 @@
 
 import pytest
 
-from bag_messages import SECOND, joints, robot_with
+from bag_messages import JOINTS as TRACKS
+from bag_messages import SECOND, joints, live_inputs
 from icreckon import Finding, SensorHealth, load_robot
 from icreckon.replay.live.diagnostic_status import OK, STALE, WARN
-from icreckon.replay.live.inputs import LiveInputs
 from icreckon.replay.live.odometry import LiveOdometry
 from icreckon.replay.live.silence import MOST_NAMES, missing_joints, silent_topic
 from icreckon.replay.live.statuses import Counts, LiveStatuses, findings_status, sensor_status
-from icreckon.replay.mapping.topics import topic_map
 
 LEFT = Finding(
     "tracks", "left wheel 2", "wheel off", 5, 0.8, "the left wheel 2 is 0.80 m/s off", "out"
@@ -77,31 +76,24 @@ def test_a_misspelt_joint_comes_with_the_nearest() -> None:
 
 
 def test_joints_are_missing_only_after_a_while() -> None:
-    robot = robot_with(tracks={"topic": "/js", "left": ["l"], "right": ["rigth"]})
-    inputs = LiveInputs(robot, topic_map(robot))
-    (tracks,) = inputs.subscriptions()
+    inputs, topics = live_inputs(tracks={"topic": "/js", "left": ["l"], "right": ["rigth"]})
     assert inputs.missing_joints(0) == ""
     for k in range(5):
-        inputs.take(tracks, JOINTS, joints(k * SECOND, (1.0, 1.0), ("l", "right")), k * SECOND)
+        message = joints(k * SECOND, (1.0, 1.0), ("l", "right"))
+        inputs.take(topics["/js"], JOINTS, message, k * SECOND)
     assert inputs.heard == {"/js": 0}
     assert inputs.missing_joints(SECOND) == ""
     assert inputs.missing_joints(4 * SECOND).endswith("did you mean 'right'?")
 
 
 def test_joints_in_messages_of_their_own_are_there_once_each_has_come() -> None:
-    robot = robot_with(tracks={"topic": "/js", "left": ["l"], "right": ["r"]})
-    inputs = LiveInputs(robot, topic_map(robot))
-    (tracks,) = inputs.subscriptions()
+    inputs, topics = live_inputs(tracks=TRACKS)
     for name in ("l", "r"):
-        inputs.take(tracks, JOINTS, joints(SECOND, (1.0,), (name,)), SECOND)
+        inputs.take(topics["/js"], JOINTS, joints(SECOND, (1.0,), (name,)), SECOND)
     assert inputs.missing_joints(9 * SECOND) == ""
 
 
 def test_the_types_that_fit_are_those_that_need_no_names_of_fields() -> None:
-    robot = robot_with(
-        tracks={"topic": "/js", "left": ["l"], "right": ["r"]}, imu={"topic": "/imu"}
-    )
-    inputs = LiveInputs(robot, topic_map(robot))
-    tracks, imu = inputs.subscriptions()
-    assert JOINTS in inputs.fitting_types(tracks)
-    assert inputs.fitting_types(imu) == (IMU,)
+    inputs, topics = live_inputs(tracks=TRACKS, imu={"topic": "/imu"})
+    assert JOINTS in inputs.fitting_types(topics["/js"])
+    assert inputs.fitting_types(topics["/imu"]) == (IMU,)

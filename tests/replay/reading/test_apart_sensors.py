@@ -8,7 +8,7 @@ import pytest
 from msgspec import to_builtins
 from msgspec.structs import replace
 
-from bag_messages import SECOND, imu, joints, robot_with, write_bag
+from bag_messages import SECOND, imu, joints, live_inputs, robot_with, write_bag
 from icreckon import (
     ImuSample,
     ReplayError,
@@ -23,9 +23,10 @@ from icreckon import (
 )
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import changed_robot
-from icreckon.replay.live.inputs import LiveInputs
 from icreckon.replay.mapping.columns import TrackColumns
-from icreckon.replay.mapping.topics import topic_map
+
+TRACKS = {"left": ["left"], "right": ["right"]}
+SIDES = robot_with(columns={"time": "time", "tracks": TRACKS})
 
 
 def test_tables_of_one_sensor_each_are_one_log(tmp_path: Path) -> None:
@@ -74,9 +75,7 @@ def test_parts_of_a_recording_may_have_tables_of_one_sensor_each(tmp_path: Path)
         rows = "".join(f"{part + k},{k}\n" for k in range(10))
         paths.append(tmp_path / f"{side}_{part}.csv")
         paths[-1].write_text(f"time,{side}\n{rows}")
-    tracks = {"left": ["left"], "right": ["right"]}
-    robot = robot_with(columns={"time": "time", "tracks": tracks})
-    found = read_log(paths, robot).tracks
+    found = read_log(paths, SIDES).tracks
     assert found.stamps[[0, -1]].tolist() == [0, 109 * SECOND]
 
 
@@ -103,8 +102,7 @@ def test_gyros_and_accelerometers_on_two_topics_are_one_imu(tmp_path: Path) -> N
     np.testing.assert_allclose(found.angular_velocity[:, 2], np.sin(at), atol=1e-9)
     np.testing.assert_allclose(found.linear_acceleration[:, 0], np.sin(at), atol=1e-4)
 
-    inputs, live = LiveInputs(robot, topic_map(robot)), []
-    topics = {one.topic: one for one in inputs.subscriptions()}
+    (inputs, topics), live = live_inputs(**robot.log), []
     for topic, message in messages:
         stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec
         live += inputs.take(topics[topic], message.__msgtype__, message, stamp)
@@ -165,9 +163,7 @@ def test_check_names_clocks_that_are_apart() -> None:
 def test_a_table_without_rows_is_left_out_of_several(tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_text("time,left,right\n1.0,0.1,0.2\n1.1,0.3,0.4\n")
     (tmp_path / "marks.csv").write_text("time,text\n")
-    tracks = {"left": ["left"], "right": ["right"]}
-    robot = robot_with(columns={"time": "time", "tracks": tracks})
-    log = read_log([tmp_path / "run.csv", tmp_path / "marks.csv"], robot)
+    log = read_log([tmp_path / "run.csv", tmp_path / "marks.csv"], SIDES)
     assert len(log.tracks.stamps) == 2
     assert any("marks.csv: the table has no rows: not used" in note for note in log.notes)
     assert inspect(tmp_path).mapping.columns.tracks.left == ("left",)
@@ -176,7 +172,5 @@ def test_a_table_without_rows_is_left_out_of_several(tmp_path: Path) -> None:
 def test_a_part_without_rows_joins_nothing(tmp_path: Path) -> None:
     (tmp_path / "left.csv").write_text("time,left\n" + "".join(f"{k},0.1\n" for k in range(1, 9)))
     (tmp_path / "right.csv").write_text("time,right\n1,\n2,\n")
-    tracks = {"left": ["left"], "right": ["right"]}
-    robot = robot_with(columns={"time": "time", "tracks": tracks})
     with pytest.raises(ReplayError, match="track"):
-        read_log([tmp_path / "left.csv", tmp_path / "right.csv"], robot)
+        read_log([tmp_path / "left.csv", tmp_path / "right.csv"], SIDES)

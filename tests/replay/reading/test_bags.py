@@ -195,6 +195,7 @@ def test_a_misspelt_key_of_the_mapping() -> None:
         ({"truth": {"topic": "/t", "tracks": "/tt"}}, "needs the joints"),
         ({"fixes": {"topic": "/f", "wander_sigma": -1.2, "wander_time": 60.0}}, "from 0 to 1000 m"),
         ({"fixes": {"topic": "/f", "wander_sigma": 1.2}}, "needs wander_time"),
+        ({"tracks": JOINTS | {"left": ["a", "b"], "unit": "rad", "wrap": 6.3}}, "counter a side"),
     ):
         with pytest.raises(ReplayError, match=part):
             topic_map(robot_with(**log))

@@ -60,16 +60,6 @@ def test_heights_are_used_with_a_sigma_alone(tmp_path: Path) -> None:
     assert read(tmp_path / "other", fixes, fixes={"topic": "/fix"}).others == ()
 
 
-def test_fixes_that_claim_to_be_too_good_are_taken_for_less(tmp_path: Path) -> None:
-    fixes = [
-        navsatfix(1 * SECOND, 52.0, 13.0, variances=(0.01, 0.01)),
-        navsatfix(2 * SECOND, 52.0, 13.0, variances=(9.0, 9.0)),
-    ]
-    mapped = {"topic": "/fix", "least_sigma": 2.0}
-    log = read(tmp_path / "bag", [("/fix", fix) for fix in fixes], fixes=mapped)
-    np.testing.assert_allclose(log.fixes.variances[:, 0], [4.0, 9.0])
-
-
 @pytest.mark.parametrize(
     ("keys", "variance"),
     [
@@ -77,9 +67,13 @@ def test_fixes_that_claim_to_be_too_good_are_taken_for_less(tmp_path: Path) -> N
         ({"position_sigma": 0.3}, 1.5),
         ({"wander_sigma": 1.2, "wander_time": 60.0}, 1.5),
         ({"wander_sigma": 1.2, "wander_time": 60.0, "position_sigma": 0.3}, 0.09),
+        ({"least_sigma": 2.0}, 4.0),
+        ({"least_sigma": 1.0}, 1.5),
     ],
 )
-def test_the_white_part_of_fixes_that_wander_may_be_given(tmp_path, keys, variance):
+def test_the_white_part_of_fixes_that_wander_and_a_least_sigma_may_be_given(
+    tmp_path, keys, variance
+):
     fix = ("/fix", made.pose_with_covariance(SECOND, (1.5, 1.5, 0.0), x=1.0))
     log = read(tmp_path / "bag", [fix], fixes={"topic": "/fix", **keys})
     assert log.fixes.variances[0, 0] == pytest.approx(variance)

@@ -9,15 +9,15 @@ import pyarrow as pa
 import pytest
 from pyarrow import csv, parquet
 
-from icreckon import HeadingFix, Log, ReplayError, Robot, Vehicle, inspect, read_log
+import bag_messages
+from icreckon import HeadingFix, Log, ReplayError, Robot, inspect, read_log
 from icreckon.replay.mapping.topics import topic_map
 
-VEHICLE = Vehicle(mass=1.0, track_gauge=0.8, sprocket_radius=0.5)
 START = 1_700_000_000_123_456_789
 
 
 def robot_with(**columns: object) -> Robot:
-    return Robot("test", VEHICLE, log={"columns": {"time": "t", **columns}})
+    return bag_messages.robot_with(columns={"time": "t", **columns})
 
 
 def write(path: Path, text: str) -> Path:
@@ -235,7 +235,7 @@ def test_what_is_no_table_of_track_speeds(tmp_path: Path, text: str, part: str) 
 def test_a_table_needs_a_column_map(tmp_path: Path) -> None:
     path = write(tmp_path / "run.csv", RUN)
     with pytest.raises(ReplayError, match=r"\[log.columns\] .* its columns are t, l, r"):
-        read_log(path, Robot("test", VEHICLE))
+        read_log(path, bag_messages.robot_with())
 
 
 @pytest.mark.parametrize(

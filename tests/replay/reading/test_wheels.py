@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bag_messages import SECOND, imu, joints, robot_with, write_bag
+from bag_messages import SECOND, imu, joints, live_inputs, robot_with, write_bag
 from icreckon import Log, Robot, read_log
-from icreckon.replay.live.inputs import LiveInputs
-from icreckon.replay.mapping.topics import topic_map
 
 LEFT, RIGHT = ["front_left", "rear_left"], ["front_right", "rear_right"]
 RADIUS = 0.5
@@ -78,14 +76,12 @@ def test_columns_of_wheels_too(tmp_path: Path) -> None:
 
 
 def test_live_messages_have_the_wheels_always() -> None:
-    robot = robot_of()
-    inputs = LiveInputs(robot, topic_map(robot))
-    topics = {one.purpose: one for one in inputs.subscriptions()}
+    inputs, topics = live_inputs(**robot_of().log)
     found = []
     for k in range(10):
         message = joints(STAMPS[k], [2.0, 2.2, 2.0, 2.0], [*LEFT, *RIGHT])
-        found += inputs.take(topics["tracks"], "sensor_msgs/msg/JointState", message, STAMPS[k])
-        found += inputs.take(topics["imu"], "sensor_msgs/msg/Imu", imu(STAMPS[k]), STAMPS[k])
+        found += inputs.take(topics["/js"], "sensor_msgs/msg/JointState", message, STAMPS[k])
+        found += inputs.take(topics["/imu"], "sensor_msgs/msg/Imu", imu(STAMPS[k]), STAMPS[k])
     tracks = [one for one in found if hasattr(one, "left_wheels")]
     assert len(tracks) == 10
     assert tracks[0].left == pytest.approx(1.05)

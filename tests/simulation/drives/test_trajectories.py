@@ -1,12 +1,11 @@
 from typing import get_type_hints
 
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from icreckon import SimulationError, TrackSpeedSeries, load_robot
+from icreckon import SimulationError, TrackSpeedSeries, changed_robot, load_robot
 from icreckon.simulation.drives import trajectories
 from icreckon.simulation.drives.drives import TRAJECTORIES, arcs, figure_eight, spin
 from icreckon.simulation.drives.recorded import read_recording
@@ -14,11 +13,6 @@ from icreckon.simulation.drives.smooth_speeds import ACCELERATION, STANDSTILL, b
 from icreckon.simulation.drives.trajectories import RECORDED, make_trajectory, trajectory_options
 
 ALPHA = load_robot("auriga-alpha")
-
-
-def robot_with_top_speed(top):
-    vehicle = msgspec.structs.replace(ALPHA.vehicle, max_track_speed=top)
-    return msgspec.structs.replace(ALPHA, vehicle=vehicle)
 
 
 def keeps_its_limits(command, duration, top):
@@ -35,19 +29,6 @@ def keeps_its_limits(command, duration, top):
         # Acceleration is continuous: a quintic blend has |jerk| <= 5.78 change / length², and no
         # blend is shorter than 0.2 s.
         assert np.abs(np.diff(rates, axis=0)).max() <= 20.0 * step
-
-
-@settings(max_examples=80)
-@given(
-    name=st.sampled_from(sorted(TRAJECTORIES)),
-    seed=st.integers(0, 2**32),
-    top=st.floats(0.2, 4.0),
-    duration=st.floats(0.5, 120.0),
-)
-def test_every_trajectory_keeps_its_limits(name, seed, top, duration):
-    robot = robot_with_top_speed(top)
-    command = make_trajectory(name, duration, robot, np.random.default_rng(seed))
-    keeps_its_limits(command, duration, top)
 
 
 def option_values(name):
@@ -78,20 +59,21 @@ def contradictory(name, options):
 def test_whatever_the_options_limits_are_kept_or_the_trajectory_is_refused(data):
     name = data.draw(st.sampled_from(sorted(TRAJECTORIES)))
     options = data.draw(option_values(name))
-    duration = data.draw(st.floats(0.5, 60.0))
+    duration, top = data.draw(st.floats(0.5, 120.0)), data.draw(st.floats(0.2, 4.0))
+    robot = changed_robot(ALPHA, {"vehicle.max_track_speed": top})
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32)))
     command, refusal = None, ""
     try:
-        command = make_trajectory(name, duration, ALPHA, rng, options)
+        command = make_trajectory(name, duration, robot, rng, options)
     except SimulationError as error:
         refusal = str(error)
     if contradictory(name, options):
         assert command is None
     elif command is None:
-        assert "more than max_track_speed = 1.0 m/s of 'auriga-alpha'" in refusal
+        assert f"more than max_track_speed = {top} m/s of 'auriga-alpha'" in refusal
         assert abs(options.get("speed", 0.6)) + abs(options.get("turn", 0.3)) > 1.0
     else:
-        keeps_its_limits(command, duration, 1.0)
+        keeps_its_limits(command, duration, top)
 
 
 @pytest.mark.parametrize("name", sorted(TRAJECTORIES))

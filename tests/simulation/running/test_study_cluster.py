@@ -6,7 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import msgspec
 import pytest
-from test_study_runner import contents
 
 import study_stub
 from icreckon.report.study.folder import run_study
@@ -38,4 +37,5 @@ def test_a_cluster_that_loses_a_worker_comes_to_the_same(tmp_path):
         run_study(STUDY, tmp_path / "there", cluster=cluster.scheduler_address, report=kill_one)
         assert killed
         assert len(set(workers)) == 2
-    assert contents(tmp_path / "there") == contents(tmp_path / "here")
+    there, here = (study_stub.contents(tmp_path / name) for name in ("there", "here"))
+    assert there == here

@@ -9,34 +9,18 @@ import numpy as np
 import pytest
 
 import study_stub
-from command_line import blank
 from icreckon import SimulationError, run_study
-from icreckon.simulation.running import engines as study_engines
-from icreckon.simulation.running.engines import Engine
 from icreckon.simulation.running.runner import MOST_TRIES
 from icreckon.simulation.running.store import jobs_of
 from icreckon.simulation.study.cells import expand
-from study_stub import STUDY
+from study_stub import STUDY, contents, install
 
 REAL = msgspec.structs.replace(STUDY, runs=4, truths=2, engine="streaming")
 
 
 @pytest.fixture(autouse=True)
 def _stub(monkeypatch):
-    add_stubs(monkeypatch)
-
-
-def add_stubs(monkeypatch):
-    """Engines of no time; figures, which take longest, stay blank."""
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", blank)
-    for name, threads in (("stub", True), ("stub-processes", False)):
-        engine = Engine(name, "study_stub", block_runs=4, threads=threads)
-        monkeypatch.setitem(study_engines.ENGINES, name, engine)
-
-
-def contents(folder):
-    """What a study leaves, but for its blocks."""
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    install(monkeypatch)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +28,7 @@ def kept(tmp_path_factory):
     """The folder of a study that nothing has interrupted."""
     folder = tmp_path_factory.mktemp("kept") / "undisturbed"
     with pytest.MonkeyPatch.context() as patch:
-        add_stubs(patch)
+        install(patch)
         run_study(STUDY, folder, workers=1)
     return folder
 

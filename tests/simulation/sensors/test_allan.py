@@ -16,8 +16,6 @@ SILENT = InertialErrors()
 # Time over correlation time at which the Allan deviation of a Gauss-Markov process peaks.
 MARKOV_PEAK_AT = 1.8926
 SENSORS = ("gyro", "accelerometer")
-# Exponent of the noise's spectrum, for its degrees of freedom.
-RANDOM_WALK = -2
 
 
 def at_rest(sensor: str, errors: InertialErrors, duration: float, rate: float) -> np.ndarray:
@@ -41,34 +39,11 @@ def deviations(readings: np.ndarray, rate: float, taus: np.ndarray) -> np.ndarra
     return np.sqrt(np.mean(np.square(each), axis=0))
 
 
-def sigma_of_deviation(alpha: int, taus: np.ndarray, rate: float, count: int) -> np.ndarray:
-    """Relative standard deviation (k,) of the Allan deviation of three axes (Greenhall and Riley)."""
-    degrees = [
-        allantools.edf_greenhall(alpha, 2, round(tau * rate), count + 1, overlapping=True)
-        for tau in taus
-    ]
-    return 1.0 / np.sqrt(2.0 * 3.0 * np.array(degrees))
-
-
 def markov_deviation(taus: np.ndarray, instability: float, time: float) -> np.ndarray:
     """Allan deviation of the process that stands for bias instability (simulation/sensors/imu.py)."""
     x = taus / time
     variance = 2.0 / x * (1.0 - (3.0 - 4.0 * np.exp(-x) + np.exp(-2.0 * x)) / (2.0 * x))
     return INSTABILITY_FLOOR / MARKOV_PEAK * instability * np.sqrt(variance)
-
-
-@pytest.mark.parametrize("sensor", SENSORS)
-def test_random_walk_of_the_bias_is_its_walk(sensor: str) -> None:
-    walk, rate = 2e-5, 10.0
-    readings = at_rest(sensor, InertialErrors(bias_walk=walk), 20_000.0, rate)
-    taus = np.array([2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0])
-    measured = deviations(readings, rate, taus)
-    sigma = sigma_of_deviation(RANDOM_WALK, taus, rate, len(readings))
-    # Steps at the sampling interval make the deviation of 20 samples 0.06 % larger than a smooth walk's.
-    allowed = 4.0 * sigma + 1e-3
-    assert (np.abs(measured / (walk * np.sqrt(taus / 3.0)) - 1.0) < allowed).all()
-    slope = np.polyfit(np.log(taus), np.log(measured), 1)[0]
-    assert slope == pytest.approx(0.5, abs=4.0 * sigma.max() / np.log(100.0))
 
 
 @pytest.mark.parametrize("sensor", SENSORS)

@@ -13,14 +13,12 @@ import typer
 from pyarrow import parquet
 
 import study_stub
-from command_line import blank, results_in
+from command_line import results_in
 from icreckon import SimulationError, run_study
 from icreckon.cli.study import command
 from icreckon.estimator.batch.runs import Worked
 from icreckon.report.study.text import failures, headline, summary_tables
 from icreckon.simulation.running import batch_engine as study_batch
-from icreckon.simulation.running import engines as study_engines
-from icreckon.simulation.running.engines import Engine
 from icreckon.simulation.study.cells import Cell, Filter
 from icreckon.simulation.study.failures import RunScores
 from icreckon.simulation.study.statistics import statistics
@@ -32,10 +30,7 @@ LOST = 7.0  # s
 
 @pytest.fixture(autouse=True)
 def _stub(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An engine of no time; figures, which take longest, stay blank."""
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", blank)
-    engine = Engine("stub", "study_stub", block_runs=4, threads=True)
-    monkeypatch.setitem(study_engines.ENGINES, "stub", engine)
+    study_stub.install(monkeypatch)
 
 
 Change = Callable[[Cell, int, dict[str, RunScores]], None]

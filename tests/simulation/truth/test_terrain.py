@@ -240,9 +240,3 @@ def test_bad_terrain_is_refused(values: dict[str, Any], message: str) -> None:
 def test_ground_that_the_vehicle_cannot_take_is_refused(values, message):
     with pytest.raises(SimulationError, match=message):
         run(Terrain(**values), duration=4.0)
-
-
-def test_the_kinematic_truth_refuses_terrain() -> None:
-    with pytest.raises(SimulationError, match="kinematic truth does not support terrain"):
-        Scenario(truth="kinematic", terrain=Terrain(slope_deg=1.0))
-    Scenario(truth="kinematic", terrain=Terrain())

@@ -4,7 +4,7 @@ import pytest
 
 from icreckon.estimator.base.frames import rep103_to_paper
 from icreckon.estimator.motion.icr import PaperTwist, icrs_from_twist, indices_from_icrs
-from icreckon.estimator.robot.robot_file import Indices, Slip, load_robot, slip_components
+from icreckon.estimator.robot.robot_file import Slip, load_robot, slip_components
 from icreckon.estimator.robot.variants import find_variant, initial_parameters
 from icreckon.simulation.drives.trajectories import make_trajectory
 from icreckon.simulation.truth.kinematic import KinematicTruth, draw_parameters
@@ -15,16 +15,8 @@ NO_SLIP = Slip(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 EXACT = KinematicTruth(spread=0.0, slip=NO_SLIP)
 
 
-# Constant ICRs: no force acts on them. Gains that are all zero would be those of Coulomb friction.
-NO_GAINS = {"eta2": 1e-30, "epsilon_F": 0.0}
-
-
 def run(truth, command, duration, robot=ALPHA, rate=200.0):
     return truth.run(command, duration, robot, np.random.default_rng(0), rate=rate)
-
-
-def with_indices(**values):
-    return msgspec.structs.replace(ALPHA, indices=Indices(**values))
 
 
 def test_straight_pose_is_the_integral_of_speed():
@@ -35,19 +27,6 @@ def test_straight_pose_is_the_integral_of_speed():
     distance = 0.6 * (27.0 - 0.5 * ramp)
     assert motion.poses[-1] == pytest.approx([distance, 0.0, 0.0], abs=1e-9)
     assert motion.distances[-1] == pytest.approx([distance, distance], abs=1e-9)
-
-
-def test_constant_twist_drives_a_circle_of_the_right_radius():
-    robot = with_indices(eta0=1.5, epsilon0=0.1, zeta0=0.05, **NO_GAINS)
-    motion = run(EXACT, lambda times: np.tile([0.3, 0.6], (len(times), 1)), 40.0, robot)
-    w = 0.3 / (0.42 * 1.5)
-    v_forward, v_right = 0.45 - w * 0.1, w * 0.05
-    assert motion.twists[7] == pytest.approx([v_forward, -v_right, w])
-    # The centre of the circle is the point of the body that does not move.
-    centre = np.array([v_right / w, v_forward / w])
-    distances = np.hypot(*(motion.poses[:, :2] - centre).T)
-    assert distances == pytest.approx(np.full(len(distances), np.hypot(v_forward, v_right) / w))
-    assert motion.poses[:, 2] == pytest.approx(w * np.arange(len(motion.poses)) / 200.0)
 
 
 def test_indices_from_true_twists_and_tracks_show_the_true_parameters():
@@ -101,16 +80,3 @@ def test_true_parameters_spread_about_those_of_the_robot_file():
     assert (np.abs(factors.mean(axis=0)) < 0.03).all()
     assert (np.abs(np.corrcoef(factors.T) - np.eye(8)) < 0.25).all()
     assert draw_parameters(ALPHA, 0.0, rng).as_array() == pytest.approx(own)
-
-
-def test_accelerations_are_the_derivative_and_turn_with_the_axes():
-    command = make_trajectory("slalom", 20.0, ALPHA, np.random.default_rng(0))
-    motion = run(EXACT, command, 20.0, rate=400.0)
-    times = np.arange(4.0, 19.0, 0.1)
-    step = 1e-2
-    expected = (motion.twists_at(times + step) - motion.twists_at(times - step)) / (2.0 * step)
-    v_x, v_y, w = motion.twists_at(times).T
-    expected[:, 0] -= w * v_y
-    expected[:, 1] += w * v_x
-    assert np.allclose(motion.accelerations_at(times, 0.005), expected, atol=2e-3)
-    assert np.isfinite(motion.accelerations_at(np.array([0.0, 20.0]), 0.01)).all()
