@@ -25,7 +25,7 @@ SAME_SIDE = 0.8  # least cosine between successive departures, and least ratio o
 # Share of the distance driven by which a departure is behind where the robot stands, and share of the
 # noise by which it may then be smaller than the one before.
 STANDS, NOISE_SHARE = 0.5, 0.67
-REACH = 1.5  # noise within which a departure is in reach, over the above: few fixes are to miss it
+REACH = 1.25  # noise within which a departure is in reach, over the above: few fixes are to miss it
 # Least distance that has a direction [m], and least time that has a speed [s].
 LEAST_DISTANCE, LEAST_TIME = 1e-3, 1e-6
 
