@@ -2,14 +2,16 @@
 
 import math
 
+from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.live.diagnostic_status import OK, WARN, DiagnosticStatus
 
 LEAST_SPEED = 0.1  # track speed from which a ratio is computed [m/s]
-STUCK_BELOW, MOST_ETA = 0.35, 5.0
-"""Share of the expected motion below which a robot is stuck, on both sides, and most steering efficiency
-that is expected [-]: where RTK shows that the robot stands, the estimate moves by up to 0.27."""
+STUCK_BELOW, FREE_ABOVE, MOST_ETA = 0.35, 0.6, 5.0
+"""Share of the expected motion below which a robot is stuck, on both sides, that above which it is free
+again, and most steering efficiency that is expected [-]: where RTK shows at 5 Hz that the robot stands,
+the estimate moves by 0.2 to 0.5."""
 
 
 class SlipWatch:
@@ -20,7 +22,7 @@ class SlipWatch:
     """
 
     def __init__(self, gauge: float) -> None:
-        self._gauge, self._stands = gauge, False
+        self._gauge, self._stands, self._stuck = gauge, False, False
 
     def look(self, estimator: PoseEstimator, tracks: TrackSpeeds) -> list[DiagnosticStatus]:
         """Statuses slip (always OK), stuck, spinning and sliding (WARN while it lasts)."""
@@ -30,14 +32,18 @@ class SlipWatch:
         forward += sum(finding.size or 0.0 for finding in findings if finding.fault == "sliding")
         # Turning on the spot is slip by the gauge: whether it is stuck is judged by the effective track.
         width = self._gauge * min(max(1.0, estimator.indices.eta), MOST_ETA)
+        # Speeds of a driver that fell silent are not those of now.
+        age = ((estimator.stamp or 0) - tracks.stamp) * NANOSECOND
+        is_heard = age <= estimator.settings.hold
         ratios, shares = {}, []
         for side, speed, lateral in (("left", tracks.left, -0.5), ("right", tracks.right, 0.5)):
-            drives = abs(speed) >= LEAST_SPEED
+            drives = is_heard and abs(speed) >= LEAST_SPEED
             ratios[side] = (forward + lateral * self._gauge * w) / speed if drives else math.nan
             shares += [abs((forward + lateral * width * w) / speed)] if drives else []
-        before, self._stands = self._stands, bool(shares) and max(shares) < STUCK_BELOW
-        stuck = "the tracks drive and the robot does not"
-        flags = {"stuck": stuck if before and self._stands else ""}
+        before, least = self._stands, FREE_ABOVE if self._stuck else STUCK_BELOW
+        self._stands = bool(shares) and max(shares) < least
+        self._stuck = before and self._stands
+        flags = {"stuck": "the tracks drive and the robot does not" if self._stuck else ""}
         for fault in ("spinning", "sliding"):
             flags[fault] = "; ".join(finding.text for finding in findings if finding.fault == fault)
         values = {f"{side}_ratio": f"{ratio:.4f}" for side, ratio in ratios.items()}

@@ -68,7 +68,17 @@ def test_tracks_that_spin_up_before_a_wall_are_a_stuck_robot() -> None:
     assert abs(float(found["slip"].values["left_ratio"])) < 0.2
 
 
-def test_fixes_that_stay_while_the_tracks_drive_are_a_stuck_robot() -> None:
+def test_tracks_that_are_silent_show_no_stuck_robot() -> None:
+    estimator, tracks = driven((100, 0.8, 0.8, 0.0))
+    for k in range(1, 600):
+        estimator.feed(ImuSample(tracks.stamp + k * STEP, (0.0, 0.0, 0.001), (0.0, 0.0, 9.81)))
+    found = by_name(estimator, tracks)
+    assert found["stuck"].level == OK
+    assert math.isnan(float(found["slip"].values["left_ratio"]))
+
+
+@pytest.mark.parametrize("every", [10, 20])
+def test_fixes_that_stay_while_the_tracks_drive_are_a_stuck_robot(every: int) -> None:
     estimator, watch, levels = PoseEstimator(ROBOT, "inertia-online"), SlipWatch(GAUGE), []
     sigmas = (0.003, 0.05, 0.05, 0.02, 0.02)
     noise = np.random.default_rng(1).normal(0.0, sigmas, (2000, 5)).tolist()
@@ -77,7 +87,7 @@ def test_fixes_that_stay_while_the_tracks_drive_are_a_stuck_robot() -> None:
         tracks = TrackSpeeds(stamp, 0.5, 0.5)
         estimator.feed(tracks)
         estimator.feed(ImuSample(stamp, (0.0, 0.0, rate), (forward, left, 9.81)))
-        if k % 10 == 0:
+        if k % every == 0:
             estimator.feed(PositionFix(stamp, 0.005 * min(k, 1000) + x, y, 0.02**2))
         if k % 20 == 0:
             levels.append(watch.look(estimator, tracks)[1].level)
