@@ -139,7 +139,8 @@ class OdometryNode:
             self._warn(
                 f"the robot file has no [log.tracks]; assuming {topics}, as simulated bags have"
             )
-        self._log.info(f"ready: {options.variant}, {started}; waiting for {topics}")
+        no_map = "" if self.live.map else "; no [log.fixes]: no pose in map"
+        self._log.info(f"ready: {options.variant}, {started}; waiting for {topics}{no_map}")
 
     def close(self) -> None:
         """Save what was learnt and destroy the node."""

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.checking.check import SIGMAS, Check, Measured, in_base, mapped_table
-from icreckon.replay.inspection.fix_wander import fit_fixes
+from icreckon.replay.inspection.fix_wander import FixFit, fit_fixes
 from icreckon.replay.inspection.wheels import heading_offset
 from icreckon.replay.mapping.topics import topic_map
 
@@ -20,7 +20,7 @@ LEAST_OFFSET = 10.0  # a robot that slides in bends drives some degrees off its 
 
 
 def check_antenna(log: Log, robot: Robot) -> Iterator[Check]:
-    """Place of the antenna of position fixes, by odometry in bends."""
+    """Place of the antenna of position fixes, and their latency, by odometry in bends."""
     fixes = log.fixes
     if fixes is None or log.imu is None:
         return
@@ -32,6 +32,8 @@ def check_antenna(log: Log, robot: Robot) -> Iterator[Check]:
         if places.any():
             yield Check(name, in_file, "not seen: no three spans of 30 s with fixes and turns")
         return
+    if found.is_late:
+        yield _latency(log, robot, found)
     place, shift = found.place, float(np.hypot(*(found.place - places[0])))
     measured = Measured(shift, "m", 0.0, found.sigma)
     check = Check(name, in_file, f"{_metres(place)} ± {found.sigma:.2g}", measured=measured)
@@ -44,6 +46,25 @@ def check_antenna(log: Log, robot: Robot) -> Iterator[Check]:
         f"position = [{place[0]:.2f}, {place[1]:.2f}] in [log.fixes]",
         lambda log, robot: (replace(log, fixes=moved), robot),
         {f"{mapped_table(robot, 'fixes')}.position": place.round(2).tolist()},
+    )
+
+
+def _latency(log: Log, robot: Robot, found: FixFit) -> Check:
+    """Contradiction of the latency of the fixes."""
+    mapping, fixes = topic_map(robot), log.fixes
+    mapped = mapping.fixes or (mapping.columns.fixes if mapping.columns else None)
+    stated = 0.0 if mapped is None else mapped.latency
+    assert fixes is not None  # noqa: S101 - checked by the caller
+    in_time = replace(fixes, stamps=fixes.stamps - round(found.lag / NANOSECOND))
+    latency = stated + found.lag
+    measured = Measured(latency, "s", stated, found.lag_sigma)
+    in_log = f"{latency:.2f} ± {found.lag_sigma:.1g} s"
+    table = mapped_table(robot, "fixes")
+    return Check("latency of the fixes", f"{stated:g} s", in_log, measured=measured).contradicted(
+        f"the fixes are {abs(found.lag):.2f} s {'late' if found.lag > 0.0 else 'early'}",
+        f"latency = {latency:.2f} in [{table}]",
+        lambda log, robot: (replace(log, fixes=in_time), robot),
+        {f"{table}.latency": round(latency, 2)},
     )
 
 

@@ -42,7 +42,8 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         unit: their unit; of JointState a cumulative one ("counts", "rad", ...) is that of the positions.
         counts_per_turn: encoder counts per turn of the sprocket, for unit "counts".
         wrap: range of the counter, in `unit`; None if it does not wrap.
-        scale: true speed over that of the log, also of speeds in m/s, for which no radius is used [-].
+        scale: true speed over that of the log, also of speeds in m/s; 0.025 for motors with a gear of
+            40 to 1 [-].
         latency: latency of the stamps, subtracted from them [s].
     """
 

@@ -207,6 +207,10 @@ def test_an_antenna_that_is_elsewhere_is_named() -> None:
     scenario = Scenario(duration=110.0, seed=3, fix_rate=5.0, trajectory="stop-and-go")
     log = simulate(scenario, ALPHA)
     assert problems(log, MAPPED) == {}
+    late = replace(log.fixes, stamps=log.fixes.stamps + 300_000_000)
+    (found,) = [one for one in check_robot(replace(log, fixes=late), MAPPED) if one.problem]
+    assert found.settings["log.fixes.latency"] == pytest.approx(0.3, abs=0.1)
+    assert problems(*found.correction(replace(log, fixes=late), MAPPED)) == {}
     wrong = replace(log.fixes, antennas=np.tile([0.9, 0.0], (len(log.fixes.stamps), 1)))
     (found,) = [one for one in check_robot(replace(log, fixes=wrong), MAPPED) if one.problem]
     assert found.settings["log.fixes.position"] == pytest.approx([0.0, 0.0], abs=0.2)
