@@ -147,12 +147,10 @@ def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | N
         bare_names = {name: re.sub("left|right", " ", name.lower()) for name in likely}
         words_of = {name: re.split(r"[^a-z]+", bare) for name, bare in bare_names.items()}
         bare = [name for name, words in words_of.items() if all(map(BARE.fullmatch, words))]
-        left, right = (
-            sides(bare)
-            if any(sides(bare))
-            else numbered_sides(
-                [name for name in likely if is_of_wheel(name) or "dist" in name.lower()]
-            )
+        left, right = sides(bare)
+    if not (left or right):
+        left, right = numbered_sides(
+            [name for name in likely if is_of_wheel(name) or "dist" in name.lower()]
         )
     if not (left and right) or len(left) != len(right):
         return None

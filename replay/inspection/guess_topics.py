@@ -28,8 +28,8 @@ LEFT = {"l", "lwheel", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
 RIGHT = {"r", "rwheel", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
 TRUE = re.compile(r"truth|ground|(?<![a-z])(?:true|gt)(?![a-z])")
 COMMAND = re.compile(
-    r"cmd|command|desired|target|setpoint|demand|request|reference|wanted|initial_?pose"
-    r"|(?<![a-z])(?:ref|sp|set|tgt|req|goal)(?![a-z])"
+    r"cmd|command|desired|target|setpoint|demand|request|wanted|initial_?pose"
+    r"|reference_?(?:vel|speed|rate)|(?<![a-z])(?:ref|sp|set|tgt|req|goal)(?![a-z])"
 )
 SPEED = re.compile(r"vel|speed|(?<!tempe)rate|omega|rpm|(?<![a-z])(?:count|tick|enc)")
 NO_SPEED = re.compile(
@@ -131,16 +131,11 @@ def imu_keys(names: Sequence[str]) -> dict[str, Any] | None:
         rates = (yaw_rate,)
     if not rates:
         return None
+    keys = {"angular_velocity": rates, "linear_acceleration": forces if len(forces) == 3 else ()}
     rate_unit = "deg/s" if any(map(in_degrees, rates)) else "rad/s"
-    forces = forces if len(forces) == 3 else ()
-    return {
-        "angular_velocity": rates,
-        "linear_acceleration": forces,
-        "rate_unit": "mdps" if any("mdps" in name.lower() for name in rates) else rate_unit,
-        "acceleration_unit": "mg"
-        if any(name.lower().endswith("_mg") for name in forces)
-        else "m/s2",
-    }
+    rate_unit = "mdps" if any("mdps" in name.lower() for name in rates) else rate_unit
+    is_in_mg = any(name.lower().endswith("_mg") for name in forces)
+    return keys | {"rate_unit": rate_unit, "acceleration_unit": "mg" if is_in_mg else "m/s2"}
 
 
 def fix_keys(names: Sequence[str]) -> dict[str, Any] | None:
@@ -206,7 +201,7 @@ def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
             left, right = sides(names)
             if left and right:
                 return TrackTopic(topic, left=left, right=right)
-    numbers = _topic_pair(surveys) or _wheel_fields(surveys) or _driver_pair(surveys)
+    numbers = _topic_pair(surveys) or _wheel_fields(surveys)
     if numbers is not None:
         return numbers
     candidates = [
@@ -220,7 +215,7 @@ def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
         is_named = any(word in topic.lower() for word in words)
         return surveys[topic].channel.msgtype == ros.ODOMETRY, is_named
 
-    return TrackTopic(max(candidates, key=likelihood)) if candidates else None
+    return TrackTopic(max(candidates, key=likelihood)) if candidates else _driver_pair(surveys)
 
 
 def _topic_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
@@ -244,7 +239,7 @@ def _driver_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     """Guess topics of two motor drivers, of one type, by their fields' names."""
     by_type: dict[str, list[str]] = {}
     for topic, survey in surveys.items():
-        if _is_special(survey):
+        if _is_special(survey) and not is_command(topic):
             by_type.setdefault(survey.channel.msgtype, []).append(topic)
     for topics in by_type.values():
         fields = [path for path in _paths(surveys[topics[0]]) if is_of_wheel(path)]
@@ -258,14 +253,16 @@ def _driver_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
 def _wheel_fields(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     """Guess a topic with fields that are named like speeds or counts of both sides."""
     for topic, survey in surveys.items():
-        if not (_is_special(survey) or survey.channel.msgtype.endswith("MultiArray")):
+        is_array = survey.channel.msgtype.endswith("MultiArray")
+        if not (is_array or _is_special(survey)):
             continue
         paths = [path for path in _paths(survey) if is_of_wheel(f"{topic} {path}")]
-        left, right = sides(paths) if any(sides(paths)) else numbered_sides(paths)
+        left, right = sides(paths)
+        if not (left or right):
+            left, right = numbered_sides([path for path in paths if is_array or is_of_wheel(path)])
         if left and len(left) == len(right) and not {*left} & {*right}:
             track = TrackTopic(topic, left=left, right=right)
-            name = topic if left[0].startswith("data") else left[0]
-            return replace(track, **unit_of(name, unknown="m/s"))
+            return replace(track, **unit_of(topic if is_array else left[0], unknown="m/s"))
     return None
 
 
@@ -333,7 +330,7 @@ def _heading(surveys: Mapping[str, Survey]) -> HeadingTopic | None:
 def _imu(surveys: Mapping[str, Survey]) -> ImuTopic | None:
     """Guess the Imu topic with most rates, and a topic of accelerations alone.
 
-    Without an Imu, fields of another type that are named like rates and forces.
+    Without an Imu, fields of another type that are named like three rates, and forces.
     """
     imus = {topic: one for topic, one in surveys.items() if one.channel.msgtype == ros.IMU}
     counts = {topic: len(one.recorded) for topic, one in imus.items() if _measures_rates(one)}
@@ -341,13 +338,15 @@ def _imu(surveys: Mapping[str, Survey]) -> ImuTopic | None:
         topic = max(counts, key=lambda topic: counts[topic])
         apart = (one for one in imus if one not in counts and _measures_forces(imus[one]))
         return ImuTopic(topic, None if _measures_forces(imus[topic]) else next(apart, None))
-    special = [topic for topic, survey in surveys.items() if _is_special(survey)]
-    keys = {topic: imu_keys(_paths(surveys[topic])) for topic in special}
-    found = [(len(named["linear_acceleration"]), topic) for topic, named in keys.items() if named]
+    found: list[tuple[int, str, dict[str, Any]]] = []
+    for topic, survey in surveys.items():
+        keys = imu_keys(_paths(survey)) if _is_special(survey) and not is_command(topic) else None
+        if keys is not None and len(keys["angular_velocity"]) == len("xyz"):
+            found.append((len(keys["linear_acceleration"]), topic, keys))
     if not found:
         return None
-    _, topic = max(found)
-    return ImuTopic(topic, **(keys[topic] or {}))
+    _, topic, keys = max(found, key=lambda one: one[:2])
+    return ImuTopic(topic, **keys)
 
 
 def other_positions(surveys: Iterable[Survey], mapping: TopicMap) -> list[str]:

@@ -44,7 +44,7 @@ _Series = TypeVar("_Series", TrackSpeedSeries, PoseSeries)
 LEAST_LATENCY = 0.03  # smallest size of a latency that is proposed [s]
 LEAST_OFFSET = 1.0  # least offset of a clock; less is a latency [s]
 STEP, LEAST_OVERLAP = 0.1, 60.0  # time between yaw rates that are compared, and least overlap [s]
-LONGEST = 1e6  # longest series that is compared [s]
+LONGEST = 1e5  # longest series that is compared [s]
 DRIFTS = np.linspace(-0.006, 0.006, 25).round(4).tolist()  # candidate drifts of a clock [s/s]
 LEAST_CHANGE, CLEAR_CHANGE = 0.1, 5.0
 """Least change of the lag in half a log that is a drift of the clock [s], and in standard errors."""
