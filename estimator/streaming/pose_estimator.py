@@ -119,6 +119,7 @@ class PoseEstimator:
         self._arrivals = Health()
         self._stamps = StampCorrection(latencies or Latencies())
         self._streams = dict(STREAMS)
+        self._is_fed = False  # a call of `feed` is in progress
 
     def __repr__(self) -> str:
         """One line: variant, robot, stamp and pose."""
@@ -281,11 +282,17 @@ class PoseEstimator:
             True if the measurement was used; otherwise `health.rejections()` counts the reason.
 
         Raises:
-            EstimatorError: not a measurement, not a number, its type was registered afterwards, or
-                dozens of stamps within some microseconds: they are not nanoseconds.
+            EstimatorError: not a measurement, not a number, its type was registered afterwards, two
+                threads at once, or dozens of stamps within microseconds: they are not nanoseconds.
         """
-        plain, reason = self._admission.checked(measurement)
-        return self._feed_plain(self._stamps.corrected(plain), reason)
+        if self._is_fed:
+            raise EstimatorError("two threads feed this estimator at once: hold a lock")
+        self._is_fed = True
+        try:
+            plain, reason = self._admission.checked(measurement)
+            return self._feed_plain(self._stamps.corrected(plain), reason)
+        finally:
+            self._is_fed = False
 
     @property
     def latencies(self) -> Latencies:
@@ -425,10 +432,7 @@ class PoseEstimator:
         return self._reckoning.clones.between(start, end, self.stamp or 0)
 
     def forget(self, stamp: int) -> None:
-        """Drop a mark that is no longer used; each costs time in every step.
-
-        Args:
-            stamp: stamp of the mark [ns].
+        """Drop the mark of a stamp [ns]; each costs time in every step.
 
         Raises:
             EstimatorError: there is no such mark.
@@ -438,11 +442,7 @@ class PoseEstimator:
         self._history.forget_mark(mark)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Save the estimator to a file; `restore` continues from there.
-
-        Args:
-            path: the file.
-            overwrite: replace a file that exists.
+        """Save to a file, or replace it (`overwrite`); `restore` continues from there.
 
         Raises:
             EstimatorError: the file exists already, or cannot be written.

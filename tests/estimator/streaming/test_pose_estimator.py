@@ -1,7 +1,9 @@
 """The streaming estimator: known motions, bad measurements, and a way back."""
 
 import math
+import sys
 from dataclasses import replace
+from threading import Thread
 
 import msgspec
 import numpy as np
@@ -346,3 +348,31 @@ def test_a_clock_that_is_set_back_before_the_first_track_speeds():
     drive(estimator, EPOCH, 5.0, 0.5, 0.5)
     assert estimator.health.clock_steps == 1
     assert estimator.pose[0] == pytest.approx(2.5, abs=0.6)
+
+
+def test_two_threads_at_once_are_refused_and_change_nothing():
+    """Without a lock the pose became NaN, for good and without a word."""
+    estimator, refusals, interval = PoseEstimator(ALPHA), [], sys.getswitchinterval()
+    drive(estimator, EPOCH, 1.0, 0.3, 0.6)
+
+    def driver(first: int) -> None:
+        for k in range(1500):
+            stamp = EPOCH + seconds(1.0) + (2 * k + first) * 1_000_000
+            try:
+                estimator.feed(TrackSpeeds(stamp, 0.3, 0.6))
+            except EstimatorError as problem:
+                refusals.append(str(problem))
+
+    threads = [Thread(target=driver, args=(first,)) for first in range(2)]
+    sys.setswitchinterval(1e-6)
+    try:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(interval)
+    assert refusals
+    assert all("two threads feed this estimator at once" in text for text in refusals)
+    assert np.isfinite(estimator.covariance).all()
+    assert estimator.feed(TrackSpeeds(EPOCH + seconds(5.0), 0.3, 0.6))
