@@ -9,6 +9,7 @@ OF_A_BODY = (ODOMETRY, TWIST, TWIST_WITH_COVARIANCE)  # forward speed and yaw ra
 STRING = "std_msgs/msg/String"
 POSE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+VECTOR = "geometry_msgs/msg/Vector3Stamped"
 QUATERNION = "geometry_msgs/msg/QuaternionStamped"
 NAVSATFIX = "sensor_msgs/msg/NavSatFix"
 TRANSFORM = "geometry_msgs/msg/TransformStamped"

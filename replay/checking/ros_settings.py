@@ -223,7 +223,7 @@ def _separation(logs: Sequence[Log], robot: Robot, source: str) -> list[str]:
         if is_other_track(mean / multiplier):
             comment = f"{evidence}, which contradicts {multiplier:.4g} {source}"
             multiplier = mean
-    if check.from_twist(robot) and "gauge" not in robot.log["tracks"]:
+    if (tracks := check.mapped_tracks(robot)) and not (tracks.left or tracks.gauge):
         comment += "; times that of the controller which made this odometry"
     return [
         f"    wheel_separation: {_number(gauge)}  # m, between the centrelines",

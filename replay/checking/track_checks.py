@@ -51,7 +51,6 @@ from icreckon.replay.inspection.latency import (
 )
 from icreckon.replay.inspection.wheels import DEGREES, jackknifed, turning_suspicion
 from icreckon.replay.mapping.columns import TrackColumns
-from icreckon.replay.mapping.topics import TrackTopic
 
 # Error of a scale that counts in any case, in straight windows and in bends [-]: ground and slip change
 # the distance by as much.
@@ -238,9 +237,10 @@ def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate:
             lambda log, robot: (replace(log, tracks=moved), robot),
             settings,
         )
-    if isinstance(tracks, TrackTopic) and not tracks.left:
+    if tracks is not None and not tracks.left:
         suspicion = turning_suspicion(log, rate, tracks.gauge or robot.vehicle.track_gauge)
-        remedy = "gauge in [log.tracks], which is that of its controller, or its yaw rate"
+        table = mapped_table(robot, "tracks")
+        remedy = f"gauge in [{table}], which is that of its controller, or its yaw rate"
         return check.contradicted(suspicion[0], remedy) if suspicion else check
     # V_r - V_l of the mirrored speeds is -(V_r + V_l): the turning if one side counts backward.
     signs = np.array([1.0, -1.0])

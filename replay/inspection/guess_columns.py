@@ -19,10 +19,10 @@ from icreckon.replay.inspection.guess_topics import (
     is_command,
     is_of_wheel,
     is_truth,
-    numbered_sides,
     plain_name,
-    sides,
+    twist_names,
     unit_of,
+    wheel_sides,
 )
 from icreckon.replay.inspection.imu_mounting import NO_GRAVITY
 from icreckon.replay.mapping.columns import (
@@ -83,6 +83,8 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         true_names = [name for name in names if is_truth(table.path.stem) or is_truth(name)]
         measured = [name for name in names if name not in true_names and not is_command(name)]
         tracks = tracks or _tracks(measured, time, table)
+        if tracks and tracks.yaw_rate in measured:
+            measured.remove(tracks.yaw_rate)  # it is no gyro
         # The last name of an axis counts: those of the first table come last.
         of_imu[time] = [*_with_gravity(_with_file(measured, table), table), *of_imu.get(time, [])]
         fixes = fixes or _fixes(measured, time)
@@ -141,19 +143,20 @@ def _time_unit(table: Table, name: str) -> TimeUnit:
 def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | None:
     """Guess the columns of the track speeds; names with a word of speed are preferred."""
     likely = [name for name in names if not NO_SPEED.search(name.lower())]
-    left, right = sides([name for name in likely if SPEED.search(name.lower())])
-    if not (left and right):
-        # Names with no other quantity than their side, as `left_m_s`.
-        bare_names = {name: re.sub("left|right", " ", name.lower()) for name in likely}
-        words_of = {name: re.split(r"[^a-z]+", bare) for name, bare in bare_names.items()}
-        bare = [name for name, words in words_of.items() if all(map(BARE.fullmatch, words))]
-        left, right = sides(bare)
-    if not (left or right):
-        left, right = numbered_sides(
-            [name for name in likely if is_of_wheel(name) or "dist" in name.lower()]
-        )
-    if not (left and right) or len(left) != len(right):
-        return None
+    speeds = [name for name in likely if SPEED.search(name.lower())]
+    # Names with no other quantity than their side, as `left_m_s`.
+    bare_names = {name: re.sub("left|right", " ", name.lower()) for name in likely}
+    words_of = {name: re.split(r"[^a-z]+", bare) for name, bare in bare_names.items()}
+    bare = [name for name, words in words_of.items() if all(map(BARE.fullmatch, words))]
+    numbered = [name for name in likely if is_of_wheel(name) or "dist" in name.lower()]
+    for names, are_named in ((speeds, True), (bare, True), (numbered, False)):
+        found = wheel_sides({name: name for name in names}, context="wheel")
+        if found is not None and found.are_named == are_named:
+            break
+    else:
+        twist = twist_names(likely)
+        return twist and TrackColumns(speed=twist[0], yaw_rate=twist[1], **time._asdict())
+    left, right = found.left, found.right
     keys = unit_of(left[0], unknown="m/s")
     if keys["unit"] == "counts":
         counts = table.numbers((*left, *right))

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -31,22 +31,34 @@ COMMAND = re.compile(
     r"cmd|command|desired|target|setpoint|demand|request|wanted|initial_?pose"
     r"|reference_?(?:vel|speed|rate)|(?<![a-z])(?:ref|sp|set|tgt|req|goal)(?![a-z])"
 )
-SPEED = re.compile(r"vel|speed|(?<!tempe)rate|omega|rpm|(?<![a-z])(?:count|tick|enc)")
+SPEED = re.compile(
+    r"(?<!tra)(?<!le)vel|speed|(?<!tempe)rate|omega|rpm|(?<![a-z])(?:count|tick|enc)"
+)
 NO_SPEED = re.compile(
     r"current(?!_?(?:vel|speed|rate|rpm))|volt|temp|torque|effort|power|pwm|duty|throttle|error|accel"
 )
 GYRO = re.compile(
-    r"(?:(?:^|_|^imu)(?:gyro?(?:scope)?|ang(?:ular)?_?vel(?:ocity)?|omega)|^(?:imu_?)?[wg]?)_?([xyz])$"
+    r"(?:(?:^|_|^imu)(?:gyro?(?:scope)?|ang(?:ular)?_?(?:vel(?:ocity)?|rate)|omega)|^(?:imu_?)?[wg]?)"
+    r"_?([xyz])$"
 )
 ACCELEROMETER = re.compile(
     r"(?:(?:^|_)(?:imu|total|lin(?:ear)?)?acc(?:el(?:eration|erometer)?)?|^(?:imu_?)?a)_?([xyz])$"
 )
 YAW_RATE = re.compile(r"(?:^|imu_)(?:yaw_?rate|gyro(?:_?yaw)?|angular_?vel(?:ocity)?|omega)$")
+# Speed and yaw rate of a robot by its controller; what stands before them must be alike.
+FORWARD = re.compile(
+    r"(?:(?:lin(?:ear)?|long(?:itudinal)?|forward)_?(?:vel(?:ocity)?|speed)(?:_x)?|lin(?:ear)?_x|v)$"
+)
+TURNING = re.compile(
+    r"(?:ang(?:ular)?_?(?:vel(?:ocity)?|speed|rate)(?:_z)?|ang(?:ular)?_z|(?:heading|yaw)_?rate|omega|w)$"
+)
 LATITUDE, LONGITUDE, ALTITUDE = (
     re.compile(rf"(^|_)({words})(_deg|_msl)?$")
     for words in ("lat(itude)?", "lon(g|gitude)?|lng", "alt(itude)?")
 )
-ACCURACY = re.compile(r"^(horizontal_?accuracy|h_?acc(uracy)?|eph|position_?(sigma|std))$")
+ACCURACY = re.compile(
+    r"^(horizontal_?accuracy|h_?acc(uracy)?|eph|position_?(sigma|std|accuracy_x))$"
+)
 UNIT = re.compile(r"_(?:m?dps|mps2?|m?g|(?:m|deg|rad)(?:_?s_?2?)?|[num]?s(?:ec)?)$")
 ELEMENT = re.compile(r"(.*)\[([012])\]$")  # name of an element of a vector, as gyro_rad[0]
 RECEIVER = re.compile("gps|gnss|fix|navpvt")
@@ -109,16 +121,57 @@ def sides(names: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return on_side("left", LEFT), on_side("right", RIGHT)
 
 
-def numbered_sides(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Select two names that differ in a number alone, as Dist0 and Dist1.
+class Sides(NamedTuple):
+    """Names of one quantity of the wheels of both sides."""
 
-    Which is left differs: 0 is the right wheel of PX4.
+    left: tuple[str, ...]
+    right: tuple[str, ...]
+    are_named: bool  # False if nothing shows which is which: the first half is put to the left
+    rank: tuple[bool, ...]  # the larger, the likelier it is the speed of the wheels
+
+
+def wheel_sides(names: Mapping[str, str], context: str = "") -> Sides | None:
+    """Select the wheels of both sides, by names that differ in side or number alone.
+
+    `names` are those of paths or columns, with further texts; `context` is that of all. Which of
+    numbers is left differs: 0 is the right wheel of PX4. None without two sides.
     """
-    families: dict[str, list[str]] = {}
+    families: dict[str, dict[str, str]] = {}
+    for path, name in names.items():
+        if is_of_wheel(f"{context} {name}"):
+            families.setdefault(_quantity(name), {})[name] = path
+    found: list[Sides] = []
+    for quantity, family in families.items():
+        left, right = sides([*family])
+        is_speed, are_named = SPEED.search(quantity) is not None, bool(left or right)
+        has_unit = any(word in quantity for word, _ in UNIT_WORDS)
+        half, rest = divmod(len(family), 2)
+        if not are_named and not rest and (is_speed or has_unit or is_of_wheel(context)):
+            left, right = (*family,)[:half], (*family,)[half:]
+        if left and len(left) == len(right) and not {*left} & {*right}:
+            rank = are_named, is_speed, has_unit, not COUNTER.search(quantity)
+            on_left, on_right = (tuple(family[name] for name in side) for side in (left, right))
+            found.append(Sides(on_left, on_right, are_named, rank))
+    return max(found, key=lambda one: one.rank, default=None)
+
+
+def _quantity(name: str) -> str:
+    """Remove sides, places and numbers from a name, as in #_#_wheel_speed."""
+    words = CAPITAL.sub("_", name).lower()
+    words = re.sub(r"left|right|front|rear|back|mid(?:dle)?|\d+", "#", words)
+    return re.sub("[a-z]+", lambda word: "#" if word[0] in LEFT | RIGHT else word[0], words)
+
+
+def twist_names(names: Sequence[str]) -> tuple[str, str] | None:
+    """Names of the speed and the yaw rate of a robot, or None."""
+    found: dict[tuple[str, bool], str] = {}
     for name in names:
-        families.setdefault(re.sub(r"\d+", "#", name), []).append(name)
-    pairs = [family for family in families.values() if len(family) == 2]
-    return ((pairs[0][0],), (pairs[0][1],)) if pairs else ((), ())
+        plain = plain_name(name)
+        for pattern in (FORWARD, TURNING):
+            if match := pattern.search(plain):
+                found.setdefault((plain[: match.start()], pattern is FORWARD), name)
+    pairs = ((found[start, True], found.get((start, False))) for start, ahead in found if ahead)
+    return next(((speed, turning) for speed, turning in pairs if turning), None)
 
 
 def imu_keys(names: Sequence[str]) -> dict[str, Any] | None:
@@ -193,17 +246,23 @@ def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     for topic, survey in surveys.items():
         if survey.channel.msgtype != ros.JOINT_STATE or is_command(topic):
             continue
-        states = survey.messages
-        joints = [list(state.name) for state in states if len(state.velocity) == len(state.name)]
-        # Some drivers publish each wheel in a message of its own.
-        all_joints = list(dict.fromkeys(name for names in joints for name in names))
-        for names in (*joints, all_joints):
-            left, right = sides(names)
-            if left and right:
-                return TrackTopic(topic, left=left, right=right)
-    numbers = _topic_pair(surveys) or _wheel_fields(surveys)
-    if numbers is not None:
-        return numbers
+        units: dict[str, TrackUnit] = {"velocity": "rad/s", "position": "rad"}
+        for values, unit in units.items():
+            states = survey.messages
+            joints = [
+                list(one.name) for one in states if len(getattr(one, values)) == len(one.name)
+            ]
+            # Some drivers publish each wheel in a message of its own.
+            all_joints = list(dict.fromkeys(name for names in joints for name in names))
+            for names in (*joints, all_joints):
+                left, right = sides(names)
+                if left and right:
+                    return TrackTopic(topic, left=left, right=right, unit=unit)
+    pair, fields = _topic_pair(surveys), _wheel_fields(surveys)
+    if pair is not None:
+        return pair
+    if fields is not None and fields.are_named:
+        return fields.topic
     candidates = [
         topic
         for topic, survey in surveys.items()
@@ -215,7 +274,10 @@ def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
         is_named = any(word in topic.lower() for word in words)
         return surveys[topic].channel.msgtype == ros.ODOMETRY, is_named
 
-    return TrackTopic(max(candidates, key=likelihood)) if candidates else _driver_pair(surveys)
+    if candidates:
+        return TrackTopic(max(candidates, key=likelihood))
+    by_number = fields.topic if fields is not None else None
+    return _driver_pair(surveys) or by_number or _twist_fields(surveys)
 
 
 def _topic_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
@@ -226,43 +288,66 @@ def _topic_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
             for topic, survey in surveys.items()
             if survey.channel.msgtype == f"std_msgs/msg/{kind}" and may_be_a_side(survey)
         ]
-        left, right = sides(candidates)
-        if len(left) == len(right) == 1 and left != right:
-            pair = TrackTopic(left[0], right[0], left=("data",), right=("data",))
+        found = wheel_sides({topic: topic for topic in candidates})
+        if found is not None and found.are_named:
+            pair = TrackTopic(found.left[0], found.right[0], left=("data",), right=("data",))
             if "Int" in kind:
                 return replace(pair, unit="counts", counts_per_turn=ANY_COUNTS, wrap=wrap)
-            return replace(pair, **unit_of(left[0], unknown="rad/s"))
+            return replace(pair, **unit_of(pair.topic, unknown="rad/s"))
     return None
 
 
 def _driver_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
-    """Guess topics of two motor drivers, of one type, by their fields' names."""
+    """Guess topics of two motor drivers, of one type, by their names or their fields'."""
     by_type: dict[str, list[str]] = {}
     for topic, survey in surveys.items():
         if _is_special(survey) and not is_command(topic):
             by_type.setdefault(survey.channel.msgtype, []).append(topic)
     for topics in by_type.values():
-        fields = [path for path in _paths(surveys[topics[0]]) if is_of_wheel(path)]
-        left, right = sides(topics) if any(sides(topics)) else numbered_sides(topics)
-        if fields and len(left) == len(right) == 1 and left != right:
-            pair = TrackTopic(left[0], right[0], left=(fields[0],), right=(fields[0],))
-            return replace(pair, **unit_of(fields[0], unknown="m/s"))
+        paths = _paths(surveys[topics[0]])
+        fields = [path for path in paths if is_of_wheel(path)]
+        if is_of_wheel(topics[0]):
+            fields += [path for path in paths if path in ("data", "value")]
+        found = wheel_sides({topic: topic for topic in topics}, context="wheel")
+        if fields and found is not None and (found.are_named or len(found.left) == 1):
+            pair = TrackTopic(found.left[0], found.right[0], left=(fields[0],), right=(fields[0],))
+            name = f"{pair.topic} {fields[0]}" if fields[0] in ("data", "value") else fields[0]
+            return replace(pair, **unit_of(name, unknown="m/s"))
     return None
 
 
-def _wheel_fields(surveys: Mapping[str, Survey]) -> TrackTopic | None:
-    """Guess a topic with fields that are named like speeds or counts of both sides."""
+class _Fields(NamedTuple):
+    """Topic with fields of both sides."""
+
+    topic: TrackTopic
+    are_named: bool  # whether names show the sides
+    rank: tuple[bool, ...]  # as of `Sides`
+
+
+def _wheel_fields(surveys: Mapping[str, Survey]) -> _Fields | None:
+    """Guess a topic with fields that are named like speeds or counts of the wheels."""
+    candidates = []
     for topic, survey in surveys.items():
         is_array = survey.channel.msgtype.endswith("MultiArray")
-        if not (is_array or _is_special(survey)):
+        if not (is_array or _is_special(survey)) or is_command(topic):
             continue
-        paths = [path for path in _paths(survey) if is_of_wheel(f"{topic} {path}")]
-        left, right = sides(paths)
-        if not (left or right):
-            left, right = numbered_sides([path for path in paths if is_array or is_of_wheel(path)])
-        if left and len(left) == len(right) and not {*left} & {*right}:
-            track = TrackTopic(topic, left=left, right=right)
-            return replace(track, **unit_of(topic if is_array else left[0], unknown="m/s"))
+        paths = _paths(survey)
+        names = {path: f"{path} {text}".strip() for path, text in paths.items()}
+        if (found := wheel_sides(names, topic)) is None:
+            continue
+        unit = unit_of(topic if is_array else names[found.left[0]], unknown="m/s")
+        track = TrackTopic(topic, left=found.left, right=found.right)
+        candidates.append(_Fields(replace(track, **unit), found.are_named, found.rank))
+    return max(candidates, key=lambda one: one.rank, default=None)
+
+
+def _twist_fields(surveys: Mapping[str, Survey]) -> TrackTopic | None:
+    """Guess a topic with fields that are named like a robot's speed and yaw rate."""
+    for topic, survey in surveys.items():
+        if _is_special(survey) and not is_command(topic):
+            names = twist_names([*_paths(survey)])
+            if names is not None:
+                return TrackTopic(topic, speed=names[0], yaw_rate=names[1])
     return None
 
 
@@ -271,9 +356,9 @@ def _is_special(survey: Survey) -> bool:
     return survey.channel.msgtype.split("/")[0] not in STANDARD
 
 
-def _paths(survey: Survey) -> list[str]:
-    """Paths of the numbers of a topic; none without a message."""
-    return number_paths(survey.messages[0]) if survey.messages else []
+def _paths(survey: Survey) -> dict[str, str]:
+    """Paths of the numbers of a topic with their texts; none without a message."""
+    return number_paths(survey.messages[0]) if survey.messages else {}
 
 
 def unit_of(name: str, unknown: TrackUnit) -> dict[str, Any]:
@@ -340,13 +425,43 @@ def _imu(surveys: Mapping[str, Survey]) -> ImuTopic | None:
         return ImuTopic(topic, None if _measures_forces(imus[topic]) else next(apart, None))
     found: list[tuple[int, str, dict[str, Any]]] = []
     for topic, survey in surveys.items():
-        keys = imu_keys(_paths(survey)) if _is_special(survey) and not is_command(topic) else None
+        keys = (
+            imu_keys([*_paths(survey)]) if _is_special(survey) and not is_command(topic) else None
+        )
         if keys is not None and len(keys["angular_velocity"]) == len("xyz"):
             found.append((len(keys["linear_acceleration"]), topic, keys))
-    if not found:
+    if found:
+        _, topic, keys = max(found, key=lambda one: one[:2])
+        return ImuTopic(topic, **keys)
+    gyro, accelerometer = (_vectors(surveys, pattern) for pattern in (GYRO, ACCELEROMETER))
+    if gyro is None:
         return None
-    _, topic, keys = max(found, key=lambda one: one[:2])
-    return ImuTopic(topic, **keys)
+    forces_topic, forces = accelerometer or (None, ())
+    return ImuTopic(gyro[0], forces_topic, angular_velocity=gyro[1], linear_acceleration=forces)
+
+
+def _vectors(
+    surveys: Mapping[str, Survey], pattern: re.Pattern[str]
+) -> tuple[str, tuple[str, ...]] | None:
+    """Guess a topic with one vector, by its name, and the fields of that."""
+    for topic, survey in surveys.items():
+        if survey.channel.msgtype == ros.VECTOR or _is_special(survey):
+            ends = {path: path.rpartition(".")[2] for path in _paths(survey)}
+            names = {f"{topic}_{end}": path for path, end in ends.items() if end in {*"xyz"}}
+            axes = axes_of([*names], pattern)
+            if len(axes) == len("xyz") and not is_command(topic):
+                return topic, tuple(names[axis] for axis in axes)
+    return None
+
+
+def other_wheels(surveys: Iterable[Survey], mapping: TopicMap) -> list[str]:
+    """Topics of wheels with a number each that a mapping does not use."""
+    tracks = mapping.tracks
+    if tracks is None or tracks.right_topic is None:
+        return []
+    quantity, used = _quantity(tracks.topic), (tracks.topic, tracks.right_topic)
+    found = {survey.channel.topic for survey in surveys if may_be_a_side(survey)} - {*used}
+    return sorted(topic for topic in found if _quantity(topic) == quantity)
 
 
 def other_positions(surveys: Iterable[Survey], mapping: TopicMap) -> list[str]:
@@ -371,7 +486,7 @@ def _fixes(surveys: Mapping[str, Survey]) -> FixTopic | None:
         special = [topic for topic, survey in surveys.items() if _is_special(survey)]
         # Receivers first: other places may be those of a filter.
         special.sort(key=lambda topic: not RECEIVER.search(topic.lower()))
-        found = ((topic, fix_keys(_paths(surveys[topic]))) for topic in special)
+        found = ((topic, fix_keys([*_paths(surveys[topic])])) for topic in special)
         return next((FixTopic(topic, **keys) for topic, keys in found if keys), None)
     return FixTopic(topic, position_sigma=None if has_sigma else PLACEHOLDER_SIGMA)
 

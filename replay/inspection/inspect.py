@@ -35,7 +35,12 @@ from icreckon.replay.inspection import imu_mounting, robot_file, static_frames, 
 from icreckon.replay.inspection import track_by_rate as by_rate
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander, fit_fixes
 from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of
-from icreckon.replay.inspection.guess_topics import guess_topics, may_be_a_side, other_positions
+from icreckon.replay.inspection.guess_topics import (
+    guess_topics,
+    may_be_a_side,
+    other_positions,
+    other_wheels,
+)
 from icreckon.replay.inspection.gyro_bias import LEAST_BY_TRACKS, SURE, gyro_bias
 from icreckon.replay.inspection.latency import (
     heading_lag,
@@ -57,8 +62,7 @@ FAST_SPEED, FAST_RATE = 20.0, 120.0
 """Speed and wheel rate that a ground robot hardly exceeds [m/s, rad/s]."""
 OF_THE_FILE = ("out of order", "repeated in", "go back")  # words of notes on what a file holds
 MOST_STOPS = 8  # highest number of standstills that are listed
-UNITS_OF_RADIUS = Robot(name="unknown", vehicle=Vehicle(1.0, 1.0, 1.0, max_track_speed=1e3))
-"""Robot with a sprocket radius of 1 m, so that rates are read as speeds."""
+FASTEST = 1e3  # highest track speed that is read, in m/s or rad/s
 
 
 @dataclass(frozen=True)
@@ -132,6 +136,8 @@ def inspect(
     for table in tables:
         reports += _column_reports(table, mapping.columns)
     findings += [] if mapping.track_keys else [_missing_tracks(surveys.values())]
+    if unused := other_wheels(surveys.values(), mapping):
+        findings.append(f"tracks: a topic of each side is read; not used: {', '.join(unused)}")
     if others := other_positions(surveys.values(), mapping):
         text = f"positions not used: {', '.join(others)}"
         findings.append(f"{text}; a topic of [log.fixes] or [log.truth]?")
@@ -194,22 +200,24 @@ def _estimates(
     clocks: dict[str, Choice] = {}
     read = partial(gather, paths, own_mapping=False, definitions=definitions)
 
-    def assembled(mapping: TopicMap, purpose: str = "") -> Log:
-        """Log of a mapping, or one of its streams alone."""
+    def assembled(mapping: TopicMap, purpose: str = "", fastest: float = FASTEST) -> Log:
+        """Log of a mapping, or one of its streams alone; by a highest track speed [m/s]."""
         gathered = read(mapping)
         if purpose:
             gathered.streams = {k: one for k, one in gathered.streams.items() if k == purpose}
-        return assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
+        return assemble(gathered, _robot_of_radius_1(fastest), paths[0].stem)
 
     try:
         gathered = read(mapping)
         clocks = choose_clocks(evidence_of(gathered.streams))
         try:
-            log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
+            log = assemble(gathered, _robot_of_radius_1(), paths[0].stem)
         except ApartError:
             mapping = on_one_clock(mapping, assembled)
             log = assembled(mapping)
-        keys = wheels.units_and_sides(mapping, log, sizes.log, notes)
+        keys = wheels.units_and_sides(
+            mapping, log, sizes.log, notes, partial(assembled, mapping, "tracks")
+        )
         in_units = _with_keys(mapping, keys) if keys else mapping
         # A table with one time has one clock.
         if mapping.columns and (len(paths) > 1 or mapping.columns.has_times):
@@ -254,6 +262,11 @@ def _estimates(
         wander=wander,
         fix_fit=fit,
     )
+
+
+def _robot_of_radius_1(fastest: float = FASTEST) -> Robot:
+    """Robot with a sprocket radius of 1 m, so that rates are read as speeds."""
+    return Robot(name="unknown", vehicle=Vehicle(1.0, 1.0, 1.0, max_track_speed=fastest))
 
 
 def _mounting_and_vertical(

@@ -30,6 +30,7 @@ shows, since the ground changes it [-]."""
 USUAL_DIFFERENCE_SIGMA = 0.02  # sigma of an unmeasured difference of the radii [-]
 STANDING_BIAS_SIGMA = 0.002  # sigma of a standstill's gyro bias, for other logs [rad/s]
 FILL_IN = "# not in the log: fill in"
+GAUGE_LINE = f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)"
 CHECKED = ("unit", "wrap", "time_unit", "rate_unit", "acceleration_unit", "yaw_unit")
 """Guessed keys."""
 MARGIN = 1.2  # highest speed of a robot over the fastest in a log [-]
@@ -75,7 +76,7 @@ class LogEstimates:
     @property
     def from_twist(self) -> bool:
         """True for track speeds from a twist, which are read with a gauge of 1 m."""
-        return self.mapping.tracks is not None and not self.mapping.tracks.left
+        return (keys := self.mapping.track_keys) is not None and not keys.left
 
     @property
     def effective_track(self) -> float | None:
@@ -316,8 +317,8 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
         apart = mapping.imu.acceleration_topic
         keys_of["imu"] = [f"acceleration_topic = {toml_value(apart)}"] if apart else []
         keys_of["imu"] += _named(mapping.imu, ("angular_velocity", "linear_acceleration"))
-        keys_of["imu"] += [f'rate_unit = "{rate}"'] if rate != "rad/s" else []
-        keys_of["imu"] += [f'acceleration_unit = "{force}"'] if force != "m/s2" else []
+        keys_of["imu"] += [f"rate_unit = {toml_value(rate)}"] if rate != "rad/s" else []
+        keys_of["imu"] += [f"acceleration_unit = {toml_value(force)}"] if force != "m/s2" else []
     if mapping.fixes:
         hint = "# Where they are a truth, as of a lidar map: [log.truth], with the topic alone."
         sigma = mapping.fixes.position_sigma
@@ -378,12 +379,12 @@ def _heading_keys(heading: HeadingTopic, estimates: LogEstimates) -> list[str]:
 
 def _track_keys(tracks: TrackTopic) -> list[str]:
     """Keys of [log.tracks] but its topic."""
-    keys = [f"{side} = {toml_value(getattr(tracks, side))}" for side in ("left", "right")]
+    keys = _named(tracks, ("left", "right", "speed", "yaw_rate"))
     if not tracks.left:
-        keys = [f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)"]
+        keys.append(GAUGE_LINE)
     if tracks.right_topic:
         keys.insert(0, f"right_topic = {toml_value(tracks.right_topic)}")
-    if tracks.right_topic or tracks.unit != "rad/s":
+    if tracks.left and (tracks.right_topic or tracks.unit != "rad/s"):
         keys.append(f"unit = {toml_value(tracks.unit)}    # check it")
     if tracks.counts_per_turn:
         keys.append(f"counts_per_turn = nan    {FILL_IN} (of the wheel)")
@@ -424,6 +425,7 @@ def _column_lines(
         # Keys that the lines on latency and wander hold, or that nobody can guess.
         omitted = {"latency", "scale", "wander_sigma", "wander_time"}
         omitted |= {"position_sigma"} if wander else set()
+        omitted |= {"unit"} if getattr(stream, "speed", None) else set()
         omitted |= set() if getattr(stream, "yaw", "") else {"yaw_unit"}
         for name in stream.__struct_fields__:
             value = getattr(stream, name)
@@ -433,7 +435,8 @@ def _column_lines(
             text = repr(value) if name.startswith("clock_") else text  # all of its digits
             remark = f"    {FILL_IN}" if name in ("position_sigma", "counts_per_turn") else ""
             lines.append(f"{name} = {text}{'    # check it' if name in CHECKED else remark}")
-        lines += track_latency if purpose == "tracks" else []
+        if purpose == "tracks":
+            lines += [*([GAUGE_LINE] if stream.speed else []), *track_latency]
         lines += [*wander, *_fit_lines(fit, stream.position)] if purpose == "fixes" else []
     return lines
 

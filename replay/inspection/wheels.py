@@ -1,6 +1,7 @@
 """First estimates of wheels, units and standstills from a log, without a filter."""
 
 import math
+import re
 from collections.abc import Callable, Collection, Iterator
 from typing import Any, NamedTuple
 
@@ -22,7 +23,8 @@ from icreckon.replay.mapping.topics import TopicMap
 
 CLEAR_SIGN = 0.3  # least correlation of tracks and gyro that shows the sign of turning [-]
 FAST_TURNING = 6.0  # yaw rate that a ground robot hardly exceeds [rad/s]
-GRAVITY = 9.81
+GRAVITY, STANDARD_GRAVITY = 9.81, 9.80665
+COUNT_OF_GYRO = 0.000133  # usual size of a count, of a range of 250 deg/s and 16 bits [rad/s]
 WRONG_GRAVITY = 0.03  # relative error of the mean specific force from which it is suspicious [-]
 DEGREES = (20.0, 180.0)  # ratio to odometry's yaw rates that means degrees (57.3 without slip)
 TOO_MUCH_TURNING = 2.5  # factor by which slip hardly makes odometry overestimate the yaw rate [-]
@@ -31,6 +33,9 @@ WINDOWS = {"truth": 2.0, "fixes": 10.0}  # time over which distances are compare
 FEWEST_WINDOWS = 5
 MEDIAN_ERROR = 1.25  # standard error of a median of normal errors over that of their mean [-]
 FEWEST_SAMPLES = 100  # samples from which on a standard error of the effective track is estimated
+WHEEL_RADII = (0.01, 0.5)  # plausible ones [m]
+WIDEST, WIDEST_IN_RADII = 3.0, 12.0  # effective tracks [m], over the wheel radius [-]
+METRES = re.compile(r"(?i)m_?p_?s|m_s|m/s|[ck]?m\b|kmh")  # words of speeds over ground
 HEADING_ROUNDS = 3  # rounds in which the offset of a heading and the place of the robot agree
 COURSE_LENGTH, COURSE_TIME, CLEAR_COURSE = 0.5, 5.0, 0.8
 """Course over ground: least distance [m], longest time [s]; least mean vector of its offsets [-]."""
@@ -188,71 +193,164 @@ def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[st
 
 
 def units_and_sides(
-    mapping: TopicMap, log: Log, known: Collection[str], notes: list[str]
+    mapping: TopicMap,
+    log: Log,
+    known: Collection[str],
+    notes: list[str],
+    read_tracks: Callable[..., Log],
 ) -> dict[str, dict[str, Any]]:
     """Keys of [log] tables for an IMU in deg/s or g, and for sides without names.
 
-    `known` are the tables that a person filled in. Adds a note on each.
+    `known` are the tables that a person filled in, `read_tracks` reads the tracks of a robot with a
+    highest speed `fastest`. Adds a note on each.
     """
     keys: dict[str, dict[str, Any]] = {}
     if log.imu is None:
         return keys
     units: dict[str, Any] = {}
     fast = fast_turning(log.imu)
+    mounting = imu_mounting.estimate_mounting(log)
+    force = 0.0
+    if mounting is not None and mounting.specific_force is not None:
+        force = float(np.linalg.norm(mounting.specific_force))
+    if counts := counts_of_g(force):
+        units = {
+            "rate_unit": COUNT_OF_GYRO,
+            "acceleration_unit": round(STANDARD_GRAVITY / counts, 9),
+        }
+        notes.append(
+            f"the mean specific force is {force:.4g}: taken for counts, {counts} of a g; rate_unit is "
+            "that of a gyro with 131 counts of a deg/s (range 250 deg/s): correct it for another"
+        )
     # Limits of what is plausible in rad/s and deg/s, and in mdps.
     in_degrees = math.degrees(FAST_TURNING)
     for unit, least, most in (
         ("deg/s", FAST_TURNING, in_degrees),
         ("mdps", 10.0 * in_degrees, 1e3 * in_degrees),
     ):
-        if least < fast < most:
+        if least < fast < most and not units:
             units["rate_unit"] = unit
             notes.append(
                 f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for {unit}"
             )
-    mounting = imu_mounting.estimate_mounting(log)
-    if mounting is not None and mounting.specific_force is not None:
-        force = float(np.linalg.norm(mounting.specific_force))
-        for unit in ("g", "mg"):
-            if unit_of_gravity(force) == f"; in {unit}?":
-                units["acceleration_unit"] = unit
-                notes.append(f"the mean specific force is {force:.4g}: taken for {unit}")
+    for unit in ("g", "mg"):
+        if force and unit_of_gravity(force) == f"; in {unit}?":
+            units["acceleration_unit"] = unit
+            notes.append(f"the mean specific force is {force:.4g}: taken for {unit}")
     if units:
         keys["imu" if mapping.imu else "columns.imu"] = units
-    if not {"tracks", "columns.tracks"} & {*known}:
-        turning = mounting.turning_correlation if mounting is not None else None
-        keys |= _sides_by_turning(mapping, turning or 0.0, notes)
+    if mounting is not None and not {"tracks", "columns.tracks"} & {*known}:
+        vertical = imu_mounting.vertical_rate(log.imu, mounting)
+        of_tracks = _sides_by_turning(mapping, log, vertical, notes, read_tracks)
+        of_tracks |= _unit_by_size(mapping, log, vertical, mounting.turning_correlation, notes)
+        if of_tracks:
+            keys["tracks" if mapping.tracks else "columns.tracks"] = of_tracks
     return keys
 
 
 def _sides_by_turning(
-    mapping: TopicMap, turning: float, notes: list[str]
-) -> dict[str, dict[str, Any]]:
-    """Keys of [log] that swap sides without names if they turn against the gyro."""
+    mapping: TopicMap, log: Log, vertical: Floats, notes: list[str], read_tracks: Callable[..., Log]
+) -> dict[str, Any]:
+    """Keys of the tracks for the sides of wheels without names, by the gyro."""
     tracks, topics = mapping.track_keys, mapping.tracks
     if tracks is None or not tracks.left:
         return {}
-    names = tracks.left[0], tracks.right[0]
-    if topics is not None and topics.right_topic:
-        names = topics.topic, topics.right_topic
-    if any(sides([*names])):
+    are_apart = topics is not None and topics.right_topic is not None
+    names = (topics.topic, topics.right_topic) if topics and are_apart else tracks.names
+    if any(sides([*filter(None, names)])):
         return {}
-    is_swapped = turning < -CLEAR_SIGN
-    shown = "by the gyro" if abs(turning) > CLEAR_SIGN else "and nothing shows whether it is"
-    notes.append(f"tracks: {names[is_swapped]!r} is taken for the left side, {shown}")
-    if not is_swapped:
+    driven = log.tracks
+    if len(names) > 2:
+        # Wheels of a side are kept where they differ by more than a share of the highest speed.
+        driven = read_tracks(fastest=float(np.abs(driven.speeds).max())).tracks
+    left, right = driven.left_wheels, driven.right_wheels
+    if left is None or right is None:
+        left, right = (column[:, None] for column in driven.speeds.T)
+        left, right = left.repeat(len(tracks.left), axis=1), right.repeat(len(tracks.right), axis=1)
+    turning = np.interp(driven.stamps, log.imu.stamps, vertical) if log.imu else vertical
+    found = sides_of(np.column_stack([left, right]), turning)
+    is_right = np.arange(len(names)) >= len(tracks.left)
+    is_backward, shown = np.zeros(len(names), bool), "and nothing shows whether it is"
+    if found is not None:
+        (is_right, is_backward), shown = found, "by the gyro"
+
+    def listed_where(mask: NDArray[np.bool_]) -> str:
+        return ", ".join(repr(name) for name, is_one in zip(names, mask, strict=True) if is_one)
+
+    note = f"tracks: taken for the left side: {listed_where(~is_right)}, {shown}"
+    backward = listed_where(is_backward)
+    notes.append(f"{note}; counting backward: {backward}" if backward else note)
+    if found is None:
         return {}
-    swapped: dict[str, Any] = {"left": tracks.right, "right": tracks.left}
-    if topics is None:
-        return {"columns.tracks": swapped}
-    if topics.right_topic:
-        swapped |= {"topic": topics.right_topic, "right_topic": topics.topic}
-    return {"tracks": swapped}
+    with_signs = zip(tracks.names, is_backward, strict=True)
+    signed = np.array([f"-{name}" if back else name for name, back in with_signs], object)
+    by_side = [tuple(signed[is_right == side]) for side in (False, True)]
+    keys: dict[str, Any] = {"left": by_side[0], "right": by_side[1]}
+    if topics is not None and are_apart and is_right[0]:
+        keys |= {"topic": topics.right_topic, "right_topic": topics.topic}
+    return keys
+
+
+def sides_of(wheels: Floats, turning: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
+    """Sides of wheels by the turning of the robot; None if it does not show them.
+
+    Args:
+        wheels: (n, k) speeds, also of wheels that count backward.
+        turning: (n,) yaw rate at their stamps [rad/s].
+
+    Returns:
+        Whether each wheel is a right one, and whether it counts backward (k,). Motors that are mounted in
+        mirror image may all count backward: then the robot drives forward for most of the way.
+    """
+    rate = turning - turning.mean()
+    if not rate.any():
+        return None
+    by_turning = wheels.T @ rate / (rate @ rate)
+    along = wheels - np.outer(rate, by_turning)
+    by_speed = np.linalg.eigh(along.T @ along)[1][:, -1]
+    rest = wheels - np.outer(along @ by_speed, by_speed)
+    shares = [np.abs(part).min() / np.abs(part).max() for part in (by_turning, by_speed)]
+    clear = [abs(np.corrcoef(column, rate)[0, 1]) for column in rest.T if column.std()]
+    if len(clear) < wheels.shape[1] or min(*clear, *shares) < CLEAR_SIGN:
+        return None
+    is_backward = by_speed < 0.0
+    surplus = 2 * is_backward.sum() - len(is_backward)
+    if surplus > 0 or (surplus == 0 and float((wheels @ by_speed).sum()) < 0.0):
+        is_backward = ~is_backward
+    is_right = (by_turning > 0.0) != is_backward
+    return (is_right, is_backward) if 2 * is_right.sum() == len(is_right) else None
+
+
+def _unit_by_size(
+    mapping: TopicMap, log: Log, vertical: Floats, turning: float | None, notes: list[str]
+) -> dict[str, Any]:
+    """Unit of track speeds whose names state none: rad/s if m/s are implausible."""
+    tracks = mapping.track_keys
+    if tracks is None or not tracks.left or tracks.unit != "m/s" or METRES.search(tracks.left[0]):
+        return {}
+    found = wheel_estimates(log, vertical, None if turning is None else abs(turning))
+    ratio, track = found.distance_ratio, found.track_ratio
+    least, most = WHEEL_RADII
+    if ratio is not None and not least < ratio < most:
+        return {}
+    if ratio is None and (track is None or not WIDEST < abs(track) < WIDEST_IN_RADII):
+        return {}
+    shown = f"in m/s the effective track would be {abs(track):.2g} m" if track else ""
+    if ratio is not None:
+        shown = f"the distance over ground is {ratio:.2g} times theirs"
+    notes.append(f"tracks: taken for rad/s: {shown}")
+    return {"unit": "rad/s"}
 
 
 def fast_turning(imu: ImuSeries) -> float:
     """Rate that the gyro exceeds for 1 % of the time [rad/s]."""
     return float(np.percentile(np.abs(imu.angular_velocity), 99))
+
+
+def counts_of_g(force: float) -> int:
+    """Counts of a g, by a mean specific force in counts; 0 for another unit."""
+    sizes = (2**bits for bits in range(11, 15))  # of ranges from 16 to 2 g, of 16 bits
+    return next((size for size in sizes if abs(force - size) < 0.05 * size), 0)
 
 
 def unit_of_gravity(force: float) -> str:

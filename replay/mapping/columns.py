@@ -3,6 +3,7 @@
 The map is the `[log.columns]` table of a robot file.
 """
 
+import math
 from typing import Annotated, Literal
 
 import msgspec
@@ -39,7 +40,12 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         left: joints, fields or columns of the left side, which are averaged; with a minus before the
             name, as "-motor_2", one that counts backward.
         right: those of the right side.
-        unit: their unit; of JointState a cumulative one ("counts", "rad", ...) is that of the positions.
+        speed: in place of both the forward speed by the controller [m/s].
+        yaw_rate: its yaw rate [rad/s].
+        gauge: track gauge by which the controller computes both from track speeds [m], also of Odometry
+            and twists; the vehicle's if left out.
+        unit: of left and right; of JointState a cumulative one ("counts", "rad", ...) is that of the
+            positions.
         counts_per_turn: encoder counts per turn of the sprocket, for unit "counts".
         wrap: range of the counter, in `unit`; None if it does not wrap.
         scale: true speed over that of the log, also of speeds in m/s; 0.025 for motors with a gear of
@@ -49,6 +55,9 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     left: tuple[str, ...] = ()
     right: tuple[str, ...] = ()
+    speed: str | None = None
+    yaw_rate: str | None = None
+    gauge: Positive | None = None
     unit: TrackUnit = "rad/s"
     counts_per_turn: Positive | None = None
     wrap: Wrap | None = None
@@ -57,12 +66,17 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     def __post_init__(self) -> None:
         check_bounds(self)
+        if bool(self.left) != bool(self.right) or bool(self.speed) != bool(self.yaw_rate):
+            raise ValueError("left and right, or speed and yaw_rate, go together")
+        if self.left and self.speed:
+            raise ValueError("left and right, or speed and yaw_rate, not both")
         names, unit = self.names, self.unit
         sides = {"left": names[: len(self.left)], "right": names[len(self.left) :]}
+        sides = {} if self.speed else sides
         for side, of_side in sides.items():
             if twice := [name for name in of_side if of_side.count(name) > 1]:
                 raise ValueError(f"{side} names {twice[0]!r} twice")
-        shared = {*sides["left"]} & {*sides["right"]}
+        shared = {*sides.get("left", ())} & {*sides.get("right", ())}
         # Only topics, not columns, have a `right_topic`.
         if shared and getattr(self, "right_topic", None) is None:
             raise ValueError(
@@ -74,12 +88,14 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         if self.wrap is not None and unit not in COUNTER_UNITS:
             sums = ", ".join(sorted(COUNTER_UNITS))
             raise ValueError(f"wrap is for what adds up ({sums}), not for {unit}")
-        if self.wrap is not None and max(map(len, sides.values())) > 1:
+        if self.wrap is not None and max(map(len, sides.values()), default=0) > 1:
             raise ValueError("wrap is for one counter a side: the mean of several does not wrap")
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the left side, then of the right one, without a minus."""
+        """Names of the left side, then of the right one, without a minus; or of the twist."""
+        if self.speed and self.yaw_rate:
+            return self.speed, self.yaw_rate
         return tuple(name.removeprefix("-") for name in (*self.left, *self.right))
 
     @property
@@ -106,8 +122,8 @@ class TrackColumns(TrackKeys, frozen=True, kw_only=True):
     clock_drift: Annotated[float, Bound("a number, 0.1 at most", -0.1, 0.1)] = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.left and self.right):
-            raise ValueError("left and right must name columns")
+        if not (self.left or self.speed):
+            raise ValueError("left and right must name columns, or speed and yaw_rate")
         super().__post_init__()
 
 
@@ -118,19 +134,22 @@ class ImuKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         angular_velocity: fields or columns of x, y and z, or of z alone, as "gyro.z" or "data[0]"; empty
             for Imu.
         linear_acceleration: those of x, y and z (specific force); empty for none, and for Imu.
-        rate_unit: unit of the angular velocity.
-        acceleration_unit: unit of the acceleration.
+        rate_unit: unit of the angular velocity; a number is the size of a count [rad/s].
+        acceleration_unit: unit of the acceleration; a number is the size of a count [m/s²].
         latency: latency of the stamps, subtracted from them [s].
     """
 
     angular_velocity: tuple[str, ...] = ()
     linear_acceleration: tuple[str, ...] = ()
-    rate_unit: RateUnit = "rad/s"
-    acceleration_unit: AccelerationUnit = "m/s2"
+    rate_unit: RateUnit | float = "rad/s"
+    acceleration_unit: AccelerationUnit | float = "m/s2"
     latency: Latency = 0.0
 
     def __post_init__(self) -> None:
         check_bounds(self)
+        for name in ("rate_unit", "acceleration_unit"):
+            if not isinstance(size := getattr(self, name), str) and not 0.0 < size < math.inf:
+                raise ValueError(f"{name} must be a unit, or a positive number, found {size}")
 
     @property
     def names(self) -> tuple[str, ...]:

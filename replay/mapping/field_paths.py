@@ -9,7 +9,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats
 from icreckon.replay.base.errors import ReplayError
 
-SHORT = 4  # most elements of an array that are listed one by one
+SHORT = 8  # most elements of an array that are listed one by one
 STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
 
 
@@ -56,20 +56,33 @@ def _fields_of(value: Any) -> str:
     return f"; {kind} has {', '.join(names)}" if names else f"; it is of type {kind}"
 
 
-def number_paths(message: Any, depth: int = 3) -> list[str]:
-    """List the paths of the numbers of a message to a depth, and of short arrays."""
-    paths: list[str] = []
-    for name in getattr(message, "__dataclass_fields__", ()):
-        value = getattr(message, name)
-        parts = [(name, value)]
+def number_paths(message: Any, depth: int = 3) -> dict[str, str]:
+    """List the numbers of a message to a depth: paths and the texts that name them.
+
+    Such a text is in the same message, as of a device, or in a list of the same length, as of joints.
+    """
+    names = getattr(message, "__dataclass_fields__", ())
+    fields = {name: getattr(message, name) for name in names if name[:2] != "__"}
+    own = [value for value in fields.values() if isinstance(value, str)]
+    lists = [value for value in fields.values() if isinstance(value, list) and _are_texts(value)]
+    paths: dict[str, str] = {}
+    for name, value in fields.items():
+        parts = [(name, value, "")]
         if isinstance(value, list | tuple | np.ndarray) and len(value) <= SHORT:
-            parts = [(f"{name}[{place}]", part) for place, part in enumerate(value)]
-        for path, part in parts:
-            if isinstance(part, int | float | np.number) and name[:2] != "__":
-                paths.append(path)
-            elif depth > 1:
-                paths += [f"{path}.{inner}" for inner in number_paths(part, depth - 1)]
+            texts = next((one for one in lists if len(one) == len(value)), [""] * len(value))
+            parts = [(f"{name}[{place}]", value[place], text) for place, text in enumerate(texts)]
+        for path, part, text in parts:
+            is_number = isinstance(part, int | float | np.number)
+            inner = {} if is_number or depth == 1 else number_paths(part, depth - 1)
+            found = (
+                {path: ""} if is_number else {f"{path}.{one}": its for one, its in inner.items()}
+            )
+            paths |= {one: " ".join([*own, text, its]) for one, its in found.items()}
     return paths
+
+
+def _are_texts(values: list[Any]) -> bool:
+    return bool(values) and all(isinstance(value, str) for value in values)
 
 
 def field_reader(

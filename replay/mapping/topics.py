@@ -35,22 +35,17 @@ class TrackTopic(TrackKeys, frozen=True):
 
     Attributes:
         topic: name; sensor_msgs/JointState, nav_msgs/Odometry, geometry_msgs/TwistStamped or
-            TwistWithCovarianceStamped, or any other type, if `left` and `right` name its fields, as
-            "wheels.left.rate" or "data[0]".
+            TwistWithCovarianceStamped, or any other type, if `left` and `right`, or `speed` and
+            `yaw_rate`, name its fields, as "wheels.left.rate" or "data[0]".
         right_topic: topic of the right side, if each side has one; then `topic` is that of the left.
-        gauge: track gauge with which the robot's controller computes speed and yaw rate from track
-            speeds [m] (Odometry, twists); the vehicle's if left out.
         time: clock of the stamps.
     """
 
     topic: str
     right_topic: str | None = None
-    gauge: Positive | None = None
     time: Clock = "auto"
 
     def __post_init__(self) -> None:
-        if bool(self.left) != bool(self.right):
-            raise ValueError("left and right must both name joints, or both be left out")
         if self.right_topic is not None and (not self.left or self.right_topic == self.topic):
             raise ValueError(
                 "right_topic is for a topic of each side: it must differ from topic, and left and "
@@ -64,8 +59,8 @@ class ImuTopic(ImuKeys, frozen=True):
 
     Attributes:
         topic: name; sensor_msgs/Imu, or any other type if `angular_velocity` names its fields.
-        acceleration_topic: topic of the accelerations (Imu), if they come apart, as from some cameras;
-            they are interpolated at the stamps of `topic`.
+        acceleration_topic: topic of the accelerations, if they come apart, as from some cameras: an Imu,
+            or fields `linear_acceleration`; they are interpolated at the stamps of `topic`.
         time: clock of the stamps.
     """
 
@@ -77,10 +72,12 @@ class ImuTopic(ImuKeys, frozen=True):
         super().__post_init__()
         if self.names:
             self.check_axes("fields")
-        if self.acceleration_topic and (self.names or self.acceleration_topic == self.topic):
+        are_apart = self.acceleration_topic is not None
+        if self.acceleration_topic == self.topic:
+            raise ValueError("acceleration_topic must differ from topic")
+        if are_apart and bool(self.angular_velocity) != bool(self.linear_acceleration):
             raise ValueError(
-                "acceleration_topic is for two topics of type Imu: it must differ from topic, without "
-                "angular_velocity and linear_acceleration"
+                "acceleration_topic needs both angular_velocity and linear_acceleration, or none of them"
             )
 
 

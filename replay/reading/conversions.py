@@ -4,6 +4,7 @@ Rows are those of `message_rows`, one or many of one topic; nothing here depends
 """
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from icreckon.replay.mapping.columns import (
     RateUnit,
     TrackColumns,
 )
+from icreckon.replay.mapping.field_paths import field_reader
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, ImuTopic, TrackTopic
 from icreckon.replay.mapping.track_units import COUNTER_UNITS, metres
 from icreckon.replay.reading.message_rows import imu_row
@@ -37,6 +39,8 @@ ACCELERATIONS: dict[AccelerationUnit, float] = {
 }
 WORSE = 3.0  # stated sigma over the median from which a position is no truth, as of a float fix [-]
 WHOLE_DEGREES = 1e4  # beyond this whole numbers are 1e-7 deg, heights in mm (u-blox, MAVLink, PX4)
+LEAST_WHOLE_SIGMA = 10.0  # whole sigmas from here on, with such degrees, are in mm (u-blox)
+NO_PLACE = 0.02  # places nearer to latitude and longitude 0 may be simulated ones [deg]
 NO_HEADING_VARIANCE = 1e3  # yaw variance [rad²] from which a fix is assumed to have no heading
 
 
@@ -52,8 +56,10 @@ def imu_rows(spec: ImuTopic | ImuColumns, values: Floats) -> Floats:
         rates = np.column_stack([none, none, rates])
     if not forces.shape[1]:
         forces = np.full((len(values), 3), np.nan)
-    rates, forces = rates * RATES[spec.rate_unit], forces * ACCELERATIONS[spec.acceleration_unit]
-    return np.column_stack([rates, forces])
+    rate, force = spec.rate_unit, spec.acceleration_unit
+    of_rates = RATES[rate] if isinstance(rate, str) else rate
+    of_forces = ACCELERATIONS[force] if isinstance(force, str) else force
+    return np.column_stack([rates * of_rates, forces * of_forces])
 
 
 def imu_reader(spec: ImuTopic, only: slice = slice(0, 6)) -> RowReader:
@@ -69,6 +75,18 @@ def imu_reader(spec: ImuTopic, only: slice = slice(0, 6)) -> RowReader:
     return read
 
 
+def imu_field_readers(spec: ImuTopic) -> tuple[RowReader, RowReader]:
+    """Build readers of named fields: of an IMU's topic, and of accelerations apart."""
+    if spec.acceleration_topic is None:
+        return (field_reader(spec.names, partial(imu_rows, spec)),) * 2
+    rates, forces = spec.angular_velocity, spec.linear_acceleration
+
+    def of_forces(values: Floats) -> Floats:
+        return imu_rows(spec, np.column_stack([np.full((1, len(rates)), np.nan), values]))
+
+    return field_reader(rates, partial(imu_rows, spec)), field_reader(forces, of_forces)
+
+
 def pose_rows(spec: FixTopic | PoseColumns, rows: Floats) -> Floats:
     """Rows as of `message_rows.POSE_READERS`, or `GEODETIC_READERS`.
 
@@ -80,13 +98,35 @@ def pose_rows(spec: FixTopic | PoseColumns, rows: Floats) -> Floats:
     if spec.latitude and spec.longitude:
         altitude = values[spec.altitude] if spec.altitude else unknown
         places = np.column_stack([values[spec.latitude], values[spec.longitude], altitude])
-        degrees = places[:, :2][np.isfinite(places[:, :2]).all(axis=1)]
-        if np.abs(degrees).max(initial=0.0) > WHOLE_DEGREES and not (degrees % 1.0).any():
-            places *= (1e-7, 1e-7, 1e-3)
-        return np.column_stack([places, variance])
+        unit = _unit_of_places(places, np.sqrt(variance))
+        return np.column_stack([places * unit.place, variance * unit.sigma**2])
     yaw = values[spec.yaw] * RADIANS[spec.yaw_unit] if spec.yaw else unknown
     x, y = values[spec.x or ""], values[spec.y or ""]
     return np.column_stack([x, y, yaw_to_quaternion(yaw), variance, *([unknown] * 5)])
+
+
+class _PlaceUnit(NamedTuple):
+    """Factors to degrees and metres."""
+
+    place: tuple[float, float, float]  # of latitude, longitude and altitude
+    sigma: float  # of the standard deviation
+
+
+def _unit_of_places(places: Floats, sigmas: Floats) -> _PlaceUnit:
+    """Choose the units of places (n, 3) and of sigmas (n,), by their size."""
+    known = np.isfinite(places[:, :2]).all(axis=1)
+    latitudes, longitudes = np.abs(places[known, :2]).T
+    coarse = sigmas[np.isfinite(sigmas)]
+    is_whole = len(coarse) > 0 and not (coarse % 1.0).any()
+    if latitudes.max(initial=0.0) > WHOLE_DEGREES and not (places[known, :2] % 1.0).any():
+        in_mm = is_whole and bool(coarse.min() >= LEAST_WHOLE_SIGMA)
+        return _PlaceUnit((1e-7, 1e-7, 1e-3), 1e-3 if in_mm else 1.0)
+    # Degrees of this size are in the Gulf of Guinea, but for the origin of simulated worlds.
+    is_far = latitudes.max(initial=0.0) > NO_PLACE or longitudes.max(initial=0.0) > NO_PLACE
+    if is_far and (latitudes <= 0.5 * math.pi).all() and (longitudes <= math.pi).all():
+        # Septentrio's receivers state radians, and sigmas in whole centimetres.
+        return _PlaceUnit((180.0 / math.pi, 180.0 / math.pi, 1.0), 1e-2 if is_whole else 1.0)
+    return _PlaceUnit((1.0, 1.0, 1.0), 1.0)
 
 
 def fix_heights(
@@ -114,18 +154,22 @@ class WheelValues(NamedTuple):
 
 def track_width(msgtype: str, mapped: TrackTopic | TrackColumns) -> int:
     """Length of a row of `message_rows.track_readers`, or of a table."""
-    return 2 if msgtype in OF_A_BODY else len(mapped.names)
+    return 2 if is_twist(msgtype, mapped) else len(mapped.names)
+
+
+def is_twist(msgtype: str, mapped: TrackTopic | TrackColumns) -> bool:
+    """Test for rows with the speed and yaw rate of the robot."""
+    return msgtype in OF_A_BODY or mapped.speed is not None
 
 
 def wheel_values(
     rows: Floats, msgtype: str, mapped: TrackTopic | TrackColumns, vehicle: Vehicle
 ) -> WheelValues:
     """Convert the rows of `message_rows.track_readers`, or of a table."""
-    if msgtype in OF_A_BODY:
+    if is_twist(msgtype, mapped):
         # Forward speed [m/s] and yaw rate [rad/s] of a controller, by its own gauge.
-        gauge = mapped.gauge if isinstance(mapped, TrackTopic) else None
         forward, w = (rows * mapped.scale).T
-        half_difference = 0.5 * (vehicle.track_gauge if gauge is None else gauge) * w
+        half_difference = 0.5 * (mapped.gauge or vehicle.track_gauge) * w
         return WheelValues(np.column_stack([forward - half_difference, forward + half_difference]))
     factor = mapped.scale * metres(mapped.unit, vehicle.sprocket_radius, mapped.counts_per_turn)
     wrap = None if mapped.wrap is None else mapped.wrap * factor

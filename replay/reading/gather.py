@@ -26,7 +26,7 @@ from icreckon.replay.mapping.topics import (
 )
 from icreckon.replay.mapping.track_units import COUNTER_UNITS
 from icreckon.replay.reading import message_rows
-from icreckon.replay.reading.conversions import imu_reader, imu_rows, pose_rows
+from icreckon.replay.reading.conversions import imu_field_readers, imu_reader, pose_rows
 from icreckon.replay.reading.stream import Stream
 from icreckon.replay.reading.tables import Table, table_streams, wanted_columns
 from icreckon.replay.reading.tf import TransformStream
@@ -271,7 +271,7 @@ def wanted_streams(
             both.second = stream("tracks", tracks.right_topic, tracks.time, *right_readers)
             return both
         readers = message_rows.track_readers(tracks.names, are_counters)
-        by_field = tracks.left and types.get(tracks.topic) not in readers
+        by_field = tracks.names and types.get(tracks.topic) not in readers
         reader = field_reader(tracks.names) if by_field else None
         return stream("tracks", tracks.topic, tracks.time, readers, reader)
 
@@ -279,8 +279,11 @@ def wanted_streams(
         yield track_stream(tracks)
     if imu := mapping.imu:
         if imu.names:
-            reader = field_reader(imu.names, partial(imu_rows, imu))
-            yield stream("imu", imu.topic, imu.time, {}, reader)
+            rates, forces = imu_field_readers(imu)
+            of_rates = stream("imu", imu.topic, imu.time, {}, rates)
+            if imu.acceleration_topic is not None:
+                of_rates.second = stream("imu", imu.acceleration_topic, imu.time, {}, forces)
+            yield of_rates
         elif imu.acceleration_topic is None:
             yield stream("imu", imu.topic, imu.time, {IMU: imu_reader(imu)})
         else:

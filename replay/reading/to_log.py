@@ -212,9 +212,8 @@ class _Assembly:
             self.notes += _wrap_notes(rows, spec)
             if stream.msgtype in OF_A_BODY and spec.names:
                 what = f"{stream.msgtype} has one speed and a yaw rate"
-                self.notes.append(
-                    f"{OF_ROBOT_FILE}left and right of [log.tracks] are ignored: {what}"
-                )
+                ignored = "speed and yaw_rate" if spec.speed else "left and right"
+                self.notes.append(f"{OF_ROBOT_FILE}{ignored} of [log.tracks] are ignored: {what}")
         if wheels.are_counters and len(stamps):
             stamps, values = self._counter_speeds(stream, stamps, values, wheels.wrap)
         if len(stamps):

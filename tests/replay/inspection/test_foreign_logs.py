@@ -275,7 +275,7 @@ def test_tables_of_ardupilot_and_px4(tmp_path: Path) -> None:
         (tmp_path / f"{file}.csv").write_text("\n".join([names, *lines]), "utf-8")
     for folder, left in (("ap", "Dist0"), ("px4", "wheel_speed[1]")):
         found = inspect(tmp_path / folder)
-        assert f"tracks: {left!r} is taken for the left side, by the gyro" in found.notes
+        assert f"tracks: taken for the left side: {left!r}, by the gyro" in found.notes
         text = found.proposed_robot_file.replace("radius = nan", f"radius = {RADIUS}")
         (robot := tmp_path / f"{folder}.toml").write_text(text.replace("= nan", "= 1.0"), "utf-8")
         log = read_log(tmp_path / folder, load_robot(robot))
@@ -391,13 +391,13 @@ def test_numbers_of_both_sides_in_one_message(tmp_path: Path, defined: str) -> N
             "vesc_msgs/msg/State",
             "float64 current_motor\nfloat64 speed\nfloat64 displacement",
             ("/vesc_left/core", "/vesc_right/core"),
-            ("speed", "m/s"),
+            ("speed", "rad/s"),
         ),
         (
             "roboteq_msgs/msg/Feedback",
             "float32 motor_current\nfloat32 reference_velocity\nfloat32 measured_velocity",
             ("/left/feedback", "/right/feedback"),
-            ("measured_velocity", "m/s"),
+            ("measured_velocity", "rad/s"),
         ),
         (
             "odrive_can/msg/ControllerStatus",
@@ -429,7 +429,7 @@ def test_a_motor_driver_for_each_side(tmp_path: Path, kind, defined, topics, key
     tracks = tomllib.loads(found.proposed_robot_file)["log"]["tracks"]
     assert (tracks["topic"], tracks["right_topic"]) == topics
     assert (tracks["left"], tracks["right"], tracks["unit"]) == ([field], [field], unit)
-    is_said = any("is taken for the left side, by the gyro" in note for note in found.notes)
+    is_said = any("taken for the left side" in note for note in found.notes)
     assert is_said == ("axis" in topics[0])
 
 
