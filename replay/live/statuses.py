@@ -31,10 +31,10 @@ GYRO, IMU = "gyro", "imu"
 
 
 class Counts(NamedTuple):
-    """Measurements of a sensor, used and rejected."""
+    """Measurements of a sensor, used, and rejected by reason."""
 
     used: int
-    rejected: int
+    rejected: Counter[str]
 
 
 class LiveStatuses:
@@ -132,10 +132,10 @@ class LiveStatuses:
 
     def _new(self, name: str, sensor: SensorHealth) -> Counts:
         """Counts of a sensor since the last report, or since the estimator started again."""
-        now = Counts(sensor.used, sum(sensor.rejected.values()))
-        before = self._before.get(name, Counts(0, 0))
+        now = Counts(sensor.used, Counter(sensor.rejected))
+        before = self._before.get(name, Counts(0, Counter()))
         self._before[name] = now
-        if now.used < before.used or now.rejected < before.rejected:
+        if now.used < before.used or not now.rejected >= before.rejected:
             return now
         return Counts(now.used - before.used, now.rejected - before.rejected)
 
@@ -197,14 +197,16 @@ def sensor_status(name: str, sensor: SensorHealth, new: Counts) -> DiagnosticSta
     if nis is not None:
         values["nis_recent"] = f"{nis:.3f}"
     title = f"icreckon: {name}"
-    if not any(new):
+    total = new.used + new.rejected.total()
+    if not total:
         return DiagnosticStatus(STALE, title, "nothing since the last report", values)
-    share = new.rejected / sum(new)
+    share = new.rejected.total() / total
     if share > MANY_REJECTED:
-        reasons = ", ".join(sorted(sensor.rejected))
+        reasons = ", ".join(sorted(new.rejected))
         return DiagnosticStatus(WARN, title, f"{share:.0%} rejected: {reasons}", values)
     if nis is not None and nis > LARGE_NIS:
-        text = f"NIS {nis:.1f} (ideal 1): its noise in the robot file is too small, or it is wrong"
+        text = f"NIS {nis:.1f} (ideal 1): noisier than the robot file says, or "
+        text += "wrong, or the robot slipped"
         return DiagnosticStatus(WARN, title, text, values)
     return DiagnosticStatus(OK, title, f"{new.used} used since the last report", values)
 

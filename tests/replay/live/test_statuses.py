@@ -1,5 +1,7 @@
 """Statuses of /diagnostics."""
 
+from collections import Counter
+
 import pytest
 
 from bag_messages import JOINTS as TRACKS
@@ -29,10 +31,10 @@ def test_faults_are_sentences_with_values() -> None:
 @pytest.mark.parametrize(
     ("new", "level", "text"),
     [
-        (Counts(30, 0), OK, "30 used since the last report"),
-        (Counts(91, 9), OK, "91 used since the last report"),
-        (Counts(50, 50), WARN, "50% rejected: gate"),
-        (Counts(0, 0), STALE, "nothing since the last report"),
+        (Counts(30, Counter()), OK, "30 used since the last report"),
+        (Counts(91, Counter(gate=9)), OK, "91 used since the last report"),
+        (Counts(50, Counter(gate=50)), WARN, "50% rejected: gate"),
+        (Counts(0, Counter()), STALE, "nothing since the last report"),
     ],
 )
 def test_a_sensor_has_a_status_by_its_new_counts(new: Counts, level: int, text: str) -> None:
