@@ -41,7 +41,7 @@ TIME_WORDS = re.compile(r"time|stamp")
 # Words of a name that may stand with its side where none is a speed's.
 BARE = re.compile(
     r"wheels?|tracks?|sprockets?|drives?|motors?|front|rear|back|mid(?:dle)?|side|measured|actual"
-    r"|v|k?m|[cm]?m|s|ms|mps|kmh|rad|rads|deg|h|l|r|[fmrb][lr]|[lr][fmrb]|"
+    r"|v|w|k?m|[cm]?m|s|ms|mps|kmh|rad|rads|deg|h|l|r|[fmrbvw][lr]|[lr][fmrb]|"
 )
 POSE_NAMES = ("x", "y", "yaw|heading|theta")  # patterns of the last word of a name
 SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))

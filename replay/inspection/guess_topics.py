@@ -24,8 +24,8 @@ from icreckon.replay.reading.stream import ABSENT
 
 DRIVE_WORDS = ("wheel", "track", "sprocket", "drive")
 CAPITAL = re.compile(r"(?<=[a-z])(?=[A-Z])")  # places where a word begins in a name as encL
-LEFT = {"l", "lwheel", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
-RIGHT = {"r", "rwheel", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
+LEFT = {"l", "vl", "wl", "lwheel", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
+RIGHT = {"r", "vr", "wr", "rwheel", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
 TRUE = re.compile(r"truth|ground|(?<![a-z])(?:true|gt)(?![a-z])")
 COMMAND = re.compile(
     r"cmd|command|desired|target|setpoint|demand|request|wanted|initial_?pose"
@@ -38,19 +38,21 @@ NO_SPEED = re.compile(
     r"current(?!_?(?:vel|speed|rate|rpm))|volt|temp|torque|effort|power|pwm|duty|throttle|error|accel"
 )
 GYRO = re.compile(
-    r"(?:(?:^|_|^imu)(?:gyro?(?:scope)?|ang(?:ular)?_?(?:vel(?:ocity)?|rate)|omega)|^(?:imu_?)?[wg]?)"
+    r"(?:(?:^|_|^imu)(?:gyro?(?:scope)?|ang(?:ular)?_?(?:vel(?:ocity)?|rate)|omega)|^(?:imu_?)?[wg]?(?:_rs_s)?)"
     r"_?([xyz])$"
 )
 ACCELEROMETER = re.compile(
-    r"(?:(?:^|_)(?:imu|total|lin(?:ear)?)?acc(?:el(?:eration|erometer)?)?|^(?:imu_?)?a)_?([xyz])$"
+    r"(?:(?:^|_)(?:imu|total|lin(?:ear)?)?acc(?:el(?:eration|erometer)?)?|^(?:imu_?)?a(?:_rs_s)?)_?([xyz])$"
 )
 YAW_RATE = re.compile(r"(?:^|imu_)(?:yaw_?rate|gyro(?:_?yaw)?|angular_?vel(?:ocity)?|omega)$")
 # Speed and yaw rate of a robot by its controller; what stands before them must be alike.
 FORWARD = re.compile(
-    r"(?:(?:lin(?:ear)?|long(?:itudinal)?|forward)_?(?:vel(?:ocity)?|speed)(?:_x)?|lin(?:ear)?_x|v)$"
+    r"(?:(?:lin(?:ear)?|long(?:itudinal)?|forward)_?(?:vel(?:ocity)?|speed)(?:_x)?|lin(?:ear)?_x|v"
+    r"|(?<=_)speed|(?<=_)v_?x)$"
 )
 TURNING = re.compile(
-    r"(?:ang(?:ular)?_?(?:vel(?:ocity)?|speed|rate)(?:_z)?|ang(?:ular)?_z|(?:heading|yaw)_?rate|omega|w)$"
+    r"(?:ang(?:ular)?_?(?:vel(?:ocity)?|speed|rate)(?:_z)?|ang(?:ular)?_z|(?:heading|yaw)_?rate|omega|w"
+    r"|(?<=_)w_?z)$"
 )
 LATITUDE, LONGITUDE, ALTITUDE = (
     re.compile(rf"(^|_)({words})(_deg|_msl)?$")
@@ -62,7 +64,7 @@ ACCURACY = re.compile(
 UNIT = re.compile(r"_(?:m?dps|mps2?|m?g|(?:m|deg|rad)(?:_?s_?2?)?|[num]?s(?:ec)?)$")
 ELEMENT = re.compile(r"(.*)\[([012])\]$")  # name of an element of a vector, as gyro_rad[0]
 RECEIVER = re.compile("gps|gnss|fix|navpvt")
-COUNTER = re.compile("count|tick|enc")
+COUNTER, RATE = re.compile("count|tick|enc"), re.compile("vel|speed|rpm")
 UNIT_WORDS: tuple[tuple[str, TrackUnit], ...] = (
     ("wheel_speed[", "rad/s"),  # of PX4
     ("vel_estimate", "turns/s"),  # of ODrive
@@ -149,7 +151,8 @@ def wheel_sides(names: Mapping[str, str], context: str = "") -> Sides | None:
         if not are_named and not rest and (is_speed or has_unit or is_of_wheel(context)):
             left, right = (*family,)[:half], (*family,)[half:]
         if left and len(left) == len(right) and not {*left} & {*right}:
-            rank = are_named, is_speed, has_unit, not COUNTER.search(quantity)
+            is_counter = COUNTER.search(quantity) and not RATE.search(quantity)
+            rank = are_named, is_speed, has_unit, not is_counter
             on_left, on_right = (tuple(family[name] for name in side) for side in (left, right))
             found.append(Sides(on_left, on_right, are_named, rank))
     return max(found, key=lambda one: one.rank, default=None)
@@ -365,7 +368,7 @@ def unit_of(name: str, unknown: TrackUnit) -> dict[str, Any]:
     """Unit of track speeds by a word of a name, as keys of `TrackKeys`."""
     # `unknown` is the unit without such a word. A person fills in the counts per turn.
     name = name.lower()
-    if COUNTER.search(name):
+    if COUNTER.search(name) and not RATE.search(name):
         return {"unit": "counts", "counts_per_turn": ANY_COUNTS}
     return {"unit": next((unit for word, unit in UNIT_WORDS if word in name), unknown)}
 

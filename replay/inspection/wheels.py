@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Collection, Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from icreckon.estimator.log.failed_sensors import stuck_sides
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid, interpolate_poses
-from icreckon.estimator.log.series import ImuSeries, running_integral
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries, running_integral
 from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.fix_wander import fit_fixes
 from icreckon.replay.inspection.guess_topics import sides
@@ -241,8 +242,8 @@ def units_and_sides(
         keys["imu" if mapping.imu else "columns.imu"] = units
     if mounting is not None and not {"tracks", "columns.tracks"} & {*known}:
         vertical = imu_mounting.vertical_rate(log.imu, mounting)
-        of_tracks = _sides_by_turning(mapping, log, vertical, notes, read_tracks)
-        of_tracks |= _unit_by_size(mapping, log, vertical, mounting.turning_correlation, notes)
+        of_tracks, log = _sides_by_turning(mapping, log, vertical, notes, read_tracks)
+        of_tracks |= _unit_by_size(mapping, log, vertical, notes)
         if of_tracks:
             keys["tracks" if mapping.tracks else "columns.tracks"] = of_tracks
     return keys
@@ -250,15 +251,15 @@ def units_and_sides(
 
 def _sides_by_turning(
     mapping: TopicMap, log: Log, vertical: Floats, notes: list[str], read_tracks: Callable[..., Log]
-) -> dict[str, Any]:
-    """Keys of the tracks for the sides of wheels without names, by the gyro."""
+) -> tuple[dict[str, Any], Log]:
+    """Keys of the tracks for the sides of wheels without names, by the gyro, and the log."""
     tracks, topics = mapping.track_keys, mapping.tracks
     if tracks is None or not tracks.left:
-        return {}
+        return {}, log
     are_apart = topics is not None and topics.right_topic is not None
     names = (topics.topic, topics.right_topic) if topics and are_apart else tracks.names
     if any(sides([*filter(None, names)])):
-        return {}
+        return {}, log
     driven = log.tracks
     if len(names) > 2:
         # Wheels of a side are kept where they differ by more than a share of the highest speed.
@@ -268,7 +269,8 @@ def _sides_by_turning(
         left, right = (column[:, None] for column in driven.speeds.T)
         left, right = left.repeat(len(tracks.left), axis=1), right.repeat(len(tracks.right), axis=1)
     turning = np.interp(driven.stamps, log.imu.stamps, vertical) if log.imu else vertical
-    found = sides_of(np.column_stack([left, right]), turning)
+    speeds = np.column_stack([left, right])
+    found = sides_of(speeds, turning)
     is_right = np.arange(len(names)) >= len(tracks.left)
     is_backward, shown = np.zeros(len(names), bool), "and nothing shows whether it is"
     if found is not None:
@@ -281,14 +283,17 @@ def _sides_by_turning(
     backward = listed_where(is_backward)
     notes.append(f"{note}; counting backward: {backward}" if backward else note)
     if found is None:
-        return {}
+        return {}, log
+    speeds = speeds * np.where(is_backward, -1.0, 1.0)
+    means = np.column_stack([speeds[:, is_right == side].mean(axis=1) for side in (False, True)])
+    log = replace(log, tracks=TrackSpeedSeries(driven.stamps, means))
     with_signs = zip(tracks.names, is_backward, strict=True)
     signed = np.array([f"-{name}" if back else name for name, back in with_signs], object)
     by_side = [tuple(signed[is_right == side]) for side in (False, True)]
     keys: dict[str, Any] = {"left": by_side[0], "right": by_side[1]}
     if topics is not None and are_apart and is_right[0]:
         keys |= {"topic": topics.right_topic, "right_topic": topics.topic}
-    return keys
+    return keys, log
 
 
 def sides_of(wheels: Floats, turning: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
@@ -322,13 +327,16 @@ def sides_of(wheels: Floats, turning: Floats) -> tuple[NDArray[np.bool_], NDArra
 
 
 def _unit_by_size(
-    mapping: TopicMap, log: Log, vertical: Floats, turning: float | None, notes: list[str]
+    mapping: TopicMap, log: Log, vertical: Floats, notes: list[str]
 ) -> dict[str, Any]:
     """Unit of track speeds whose names state none: rad/s if m/s are implausible."""
     tracks = mapping.track_keys
     if tracks is None or not tracks.left or tracks.unit != "m/s" or METRES.search(tracks.left[0]):
         return {}
-    found = wheel_estimates(log, vertical, None if turning is None else abs(turning))
+    turning = None
+    if log.imu is not None:
+        turning = imu_mounting.turning_correlation(log.tracks, log.imu, vertical)
+    found = wheel_estimates(log, vertical, abs(turning or 0.0))
     ratio, track = found.distance_ratio, found.track_ratio
     least, most = WHEEL_RADII
     if ratio is not None and not least < ratio < most:

@@ -259,3 +259,27 @@ def test_odometry_in_a_table(tmp_path: Path) -> None:
     assert log.tracks.speeds.mean(axis=1) == pytest.approx(SPEED, abs=1e-4)
     assert log.tracks.difference == pytest.approx(0.9 * TURN, abs=1e-4)
     assert load_robot(robot).constant_indices.eta0 == pytest.approx(1.5, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("names", "values", "unit"),
+    [
+        (("wL", "wR"), (LEFT, RIGHT), "rad/s"),
+        (("VL", "VR"), (LEFT * RADIUS, RIGHT * RADIUS), "m/s"),
+        (("axis0.encoder.vel_estimate", "axis1.encoder.vel_estimate"), (LEFT, RIGHT), "turns/s"),
+        (("odom_vx", "odom_wz"), (SPEED, TURN), None),
+        (("wheel_speed", "wheel_yaw_rate"), (SPEED, TURN), None),
+    ],
+)
+def test_names_of_columns(tmp_path: Path, names, values, unit) -> None:
+    """Tracks by short names, or a twist; the gyro is that of EuRoC's format."""
+    path, of_gyro = tmp_path / "log.csv", [f"w_RS_S_{axis} [rad s^-1]" for axis in "xyz"]
+    rows = [",".join(["t", *names, *of_gyro])]
+    for second, first, other, w in zip(SECONDS, *values, TURN, strict=True):
+        rows.append(f"{second:.2f},{first:.5f},{other:.5f},0.0,0.0,{w:.5f}")
+    path.write_text("\n".join(rows), encoding="utf-8")
+    columns = inspect(path).mapping.columns
+    tracks = columns.tracks
+    assert columns.imu.angular_velocity == tuple(of_gyro)
+    assert tracks.names == names
+    assert (tracks.unit if tracks.left else None) == unit
