@@ -252,7 +252,7 @@ def units_and_sides(
 def _sides_by_turning(
     mapping: TopicMap, log: Log, vertical: Floats, notes: list[str], read_tracks: Callable[..., Log]
 ) -> tuple[dict[str, Any], Log]:
-    """Keys of the tracks for the sides of wheels without names, by the gyro, and the log."""
+    """Keys of the tracks for sides without names, by the gyro, and the log with them."""
     tracks, topics = mapping.track_keys, mapping.tracks
     if tracks is None or not tracks.left:
         return {}, log
