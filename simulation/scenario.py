@@ -104,8 +104,8 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     def __post_init__(self) -> None:
         settle_types(self)
         check_trajectory(self.trajectory, self.trajectory_options, self.trajectory_file)
-        self.make_truth()
-        noise_preset(self.noise)
+        self.make_truth()  # raises if it does not exist or a number is out of range
+        noise_preset(self.noise)  # raises if it does not exist
         check_whole("seed", self.seed)
         self._check_samples()
         for start, end in self.outages:

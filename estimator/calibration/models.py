@@ -125,17 +125,23 @@ def model_of(name: str, robot: Robot) -> Model:
         # All but H, which acts in the literal form only.
         start = initial_parameters(robot, find_variant("inertia-fixed"))
         places = tuple(range(1, len(start)))
-    names = Indices.__struct_fields__
-    force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
-    length = THRESHOLD * gauge
-    eta = THRESHOLD * max(1.0, start[ETA0])
-    middle = MIDDLE_THRESHOLD * gauge
-    # All nine in the order of `Indices`: H, zeta, epsilon, eta, epsilon_F.
-    first = (1.0, middle, length / force, middle, length / force)
-    threshold = (*first, eta, eta / force, eta / force**2, length / TYPICAL_FORCE)
-    units = ("-", "m", "m/N", "m", "m/N", "-", "1/N", "1/N²", "m")
-    ranks = (99, 20, 60, 21, 61, 0, 70, 80, 62)
-    parameters = tuple(
-        Parameter(names[k], units[k], float(start[k]), threshold[k], ranks[k]) for k in places
+    force, length = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY, THRESHOLD * gauge
+    middle, eta = MIDDLE_THRESHOLD * gauge, THRESHOLD * max(1.0, start[ETA0])
+    # Units and thresholds, by rank. A gain has the threshold of its index at a typical force.
+    table = (
+        ("eta0", "-", eta),
+        ("zeta0", "m", middle),
+        ("epsilon0", "m", middle),
+        ("zeta1", "m/N", length / force),
+        ("epsilon1", "m/N", length / force),
+        ("epsilon_F", "m", length / TYPICAL_FORCE),
+        ("eta1", "1/N", eta / force),
+        ("eta2", "1/N²", eta / force**2),
     )
+    names = Indices.__struct_fields__
+    by_name = {
+        key: Parameter(key, unit, float(start[names.index(key)]), threshold, rank)
+        for rank, (key, unit, threshold) in enumerate(table)
+    }
+    parameters = tuple(by_name[names[place]] for place in places)
     return Model(name, parameters, robot.constants, places, robot.indices.H)

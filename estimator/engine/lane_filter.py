@@ -178,7 +178,7 @@ class LaneSteps:
         the time since the fix before, as the gate counts it, `rejected_for` that of rejected fixes [s].
 
         Returns:
-            The fix; the gate admitted it; it was not used, and the filter is to be relocated.
+            The fix; True if the gate admitted it; True if the filter is lost, for the caller to relocate.
         """
         inputs = self._inputs
         self._fill_move(self._records, inputs, stamp)
@@ -186,14 +186,11 @@ class LaneSteps:
         inputs[[FORWARD, LEFT], 0] = antenna
         inputs[[MODE, INTERVAL], 0] = mode, interval
         flags = self._step(POSITION_AHEAD if ahead else POSITION, stamp, rejected_for)
+        is_lost, is_used = bool(flags & 1), bool(flags >> FLAG_BITS & 1)
         z_x, z_y, xx, xy, yy, admitted, *places = self._workspace[self._fix_rows, 0].tolist()
-        places_of_antenna = (places[0], places[1], places[2]), (places[3], places[4], places[5])
-        lost, used = bool(flags & 1), bool(flags >> FLAG_BITS & 1)
-        return (
-            TakenFix(stamp, *fix, (z_x, z_y), (xx, xy, yy), *places_of_antenna, used),
-            admitted > 0.0,
-            lost,
-        )
+        predicted, updated = (places[0], places[1], places[2]), (places[3], places[4], places[5])
+        taken = TakenFix(stamp, *fix, (z_x, z_y), (xx, xy, yy), predicted, updated, is_used)
+        return taken, admitted > 0.0, is_lost
 
     def follow_scatter(self, fix: TakenFix, correction: Floats) -> bool:
         """Add a position fix to the scatter; see `icreckon.estimator.filter.slip_factor`."""

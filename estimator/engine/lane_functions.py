@@ -421,14 +421,14 @@ def set_gate(counts: Any, lane: Floats, rows: Any) -> None:
 
 def count_sample(counts: Any, stamp: int, interval: float, lane: Floats, rows: Any) -> bool:
     """Count the verdict of a gate on the newest sample; return True if it is used."""
-    rejected_for, admitted = rows[0], rows[1]
+    rejected_for, admitted = lane[rows[0], 0], lane[rows[1], 0]
     z, S = lane[rows[2], 0], lane[rows[3], 0]
-    if S == 0.0:
+    if S == 0.0:  # there was no update with it
         return False
-    verdict = REACQUIRED
-    if lane[admitted, 0] > 0.0:
+    verdict = REACQUIRED  # not admitted, and the time of rejections is reset
+    if admitted > 0.0:
         verdict = ADMITTED
-    elif lane[rejected_for, 0] > 0.0:
+    elif rejected_for > 0.0:
         verdict = REJECTED
     count_verdict(counts, verdict, z * z / S, 1, interval)
     counts.stamp, counts.verdict, counts.z[0], counts.S[0] = stamp, verdict, z, S

@@ -218,25 +218,23 @@ def turn(angle: Any) -> Any:
 
 
 def _arc_with_slopes(angle: Any) -> Any:
-    """Compute `propagation.arc_with_slopes` by series in angle², without cancellation."""
+    """Compute `propagation.arc_with_slopes`; of a small angle by power series."""
     square = angle * angle
 
-    def series(factorial: int, factor: Callable[[int], float]) -> Any:
+    def series(first: int, factor: Callable[[int], float]) -> Any:
+        """Sum of (-1)^k factor(k) angle^(2 k) / (2 k + first)!, by Horner's scheme."""
         total: Any = 0.0
         for k in range(TERMS, -1, -1):
-            term = (-1.0) ** k * factor(k) / math.factorial(2 * k + factorial)
+            term = (-1.0) ** k * factor(k) / math.factorial(2 * k + first)
             total = term + square * total
         return total
 
-    values = [
-        series(1, lambda _: 1.0),
-        angle * series(2, lambda _: 1.0),
-        -angle * series(3, lambda k: 2.0 * (k + 1)),
-        series(2, lambda k: 2.0 * k + 1.0),
-    ]
+    a, b = series(1, lambda _: 1.0), angle * series(2, lambda _: 1.0)
+    a_slope = -angle * series(3, lambda k: 2.0 * (k + 1))
+    b_slope = series(2, lambda k: 2.0 * k + 1.0)
     is_large = abs(angle) > SERIES_TO
     large = trace.select(is_large, angle, 1.0)
-    return trace.where_needed(is_large, values, lambda: _arc_in_full(large))
+    return trace.where_needed(is_large, [a, b, a_slope, b_slope], lambda: _arc_in_full(large))
 
 
 _arc_in_full = traced(propagation.arc_with_slopes)

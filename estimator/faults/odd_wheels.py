@@ -170,17 +170,16 @@ def is_certain(possible: SideSpeeds, expected: float, error: float) -> bool:
 def side_speed(
     side: WheelsRecord, possible: SideSpeeds, wheels: Wheels, expected: float, error: float
 ) -> float:
-    """Speed of one side [m/s]: of the two that are possible the one that is right.
+    """Choose the speed of one side from the two that its wheels allow [m/s].
 
-    If it `is_certain`, that is the one nearest to the expected speed; otherwise the one further from the
-    wheel that is known to be odd. If none is, it is the mean of the two.
+    If it `is_certain`, that is the one nearer to the expected speed; otherwise the one further from the
+    wheel that was odd before; without such a wheel the mean of both.
     """
     low, high = possible.low, possible.high
     if is_certain(possible, expected, error):
         return low if abs(low - expected) < abs(high - expected) else high
     if 0 <= side.odd < len(wheels):
-        # The wheel that was certainly wrong stays excluded; the doubt grows.
-        odd = wheels[side.odd]
+        odd = wheels[side.odd]  # excluded from now on, while `take_side` lets the doubt grow
         return high if abs(odd - low) < abs(odd - high) else low
     return 0.5 * (low + high)
 

@@ -232,20 +232,22 @@ def measure_scatter(scatter: ScatterRecord) -> None:
 
 
 def steps_scatter(scatter: ScatterRecord, least: float) -> bool:
-    """Return True if most of the newest steps are off, along and across.
+    """Return True if most of the newest steps of the fixes are off the path's.
 
-    Steps are off if no turn and stretch of the path makes half of its steps fit those of the fixes. Tried
-    are those that make one of the steps fit. A step is off from `least` times its expected variance on,
-    of many fixes.
+    The path may be turned and stretched: tried are no change, and what makes one of its steps equal to
+    the fixes'. A step is off if its squared residual is `least` times what is expected, see `steps_fit`.
     """
     first = max(1, scatter.laid - NEWEST_STEPS)
-    do_fit = steps_fit(scatter, first, 1.0 + 0j, least)
+    if steps_fit(scatter, first, 1.0 + 0j, least):
+        return False
     for k in range(first, scatter.laid):
         path, fixes = path_step(scatter, k), fix_step(scatter, k)
-        if not do_fit and min(magnitude(path), magnitude(fixes)) > LEAST_DISTANCE:
-            stretch = fixes * path.conjugate() * (1.0 / squared_magnitude(path))
-            do_fit = steps_fit(scatter, first, stretch, least)
-    return not do_fit
+        if min(magnitude(path), magnitude(fixes)) > LEAST_DISTANCE:
+            # The complex factor that turns and stretches this step of the path to that of the fixes.
+            factor = fixes * path.conjugate() * (1.0 / squared_magnitude(path))
+            if steps_fit(scatter, first, factor, least):
+                return False
+    return True
 
 
 def steps_fit(scatter: ScatterRecord, first: int, stretch: complex, least: float) -> bool:

@@ -21,7 +21,7 @@ SLOW = 0.05  # speed below which a true twist has no direction [m/s]
 TURNED = 0.5  # turning by the true twists at which a heading is to change [rad]
 TURN_STEP = 2.0  # time over which turning by headings and by the gyro is compared [s]
 LEAST_TURNING = 2.0  # least turning by the gyro that shows something [rad]
-MOST_APART = 0.1  # largest share of the gyro's turning, squared, that the headings may be off [-]
+MOST_APART = 0.1  # largest mean square of the difference, over that of the gyro's turning [-]
 SAME = 1e-9  # headings that differ by less are the same [rad]
 REACH = 5.0  # distance along the path, to each side, over which it is aligned [m]
 ALIKE = 1.0  # distance along the path over which errors of the positions are alike [m]
@@ -76,17 +76,17 @@ def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> st
 
 
 def _turns_like(poses: PoseSeries, stamps: Stamps, rates: Floats) -> bool:
-    """Return True if headings turn as a gyro does."""
+    """Return True if headings turn like the yaw rates (n,) [rad/s] of a gyro."""
     first, last = max(stamps[0], poses.stamps[0]), min(stamps[-1], poses.stamps[-1])
     ends = np.arange(first, last, round(TURN_STEP / NANOSECOND))
     if len(ends) <= FEWEST_STEPS:
         return False
     angles = (stamps, running_integral(stamps, rates)), (poses.stamps, np.unwrap(poses.poses[:, 2]))
     at_ends = [interpolate(known, angle[:, None], ends)[:, 0] for known, angle in angles]
-    by_gyro, by_truth = np.diff(at_ends, axis=1)
-    apart = by_truth - by_gyro
-    is_enough = np.abs(by_gyro).sum() >= LEAST_TURNING
-    return bool(is_enough and apart @ apart < MOST_APART * float(by_gyro @ by_gyro))
+    by_gyro, by_truth = np.diff(at_ends, axis=1)  # turning in each step [rad]
+    difference = by_truth - by_gyro
+    turns = np.abs(by_gyro).sum() >= LEAST_TURNING
+    return bool(turns and difference @ difference < MOST_APART * float(by_gyro @ by_gyro))
 
 
 def _may_turn(truth: Truth) -> bool:

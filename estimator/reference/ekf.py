@@ -279,10 +279,10 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.P = self.P - (half + half.T)
 
     def keep_inside_bounds(self, *, by_imu: bool = False) -> None:
-        """Project the parameters to their bounds; what the last measurement fixes stays.
+        """Project the parameters to their bounds.
 
         Args:
-            by_imu: the last measurement is the IMU's.
+            by_imu: leave the states that a gyro update must not move; otherwise only the pose.
         """
         fixed = self.fixed_for_gyro if by_imu else POSE_FIXED
         self.x = inside(self.x, self.P, self.model.bounds, fixed)

@@ -60,7 +60,7 @@ class _Emitter:
         self.align = width * (8 if number == ir.DoubleType() else 4)
 
     def emit(self) -> None:
-        """Emit the whole kernel."""
+        """Emit the kernel: each number is stored as soon as it is computed."""
         kernel = self.kernel
         for name, pointer in self.pointers.items():
             self.pointers[name] = self.builder.gep(pointer, [LONG(MIDDLE_ROW * self.width)])
@@ -75,9 +75,9 @@ class _Emitter:
             if node.op != "load" or node in waiting:
                 self._compute(node)
             for store in waiting.get(node, ()):
-                before = loads.get((store.array, store.row))
-                if before is not None:
-                    self._compute(before)
+                # Loaded now: the initial number of this row is overwritten.
+                if (initial := loads.get((store.array, store.row))) is not None:
+                    self._compute(initial)
                 self._store(store)
         flags = LONG(0)
         for place, flag in enumerate(kernel.flags):
@@ -157,15 +157,15 @@ class _Emitter:
         return self.builder.call(function, args)
 
     def _power_of_two(self, exponent: Any) -> Any:
-        """Shift a whole number to the place of the exponent in a number's bits."""
+        """Compute 2 to the power of a whole number by the bits of its format (IEEE 754)."""
         bits, fraction, bias = (64, 52, 1023) if self.number == ir.DoubleType() else (32, 23, 127)
-        integer, whole = ir.IntType(bits), float(2**fraction + bias)
-        kind = exponent.type
+        # The sum has the biased exponent in its lowest bits, from where it is shifted to its place.
+        integer, added, kind = ir.IntType(bits), float(2**fraction + bias), exponent.type
         if kind == self.vector:
             as_integer = ir.VectorType(integer, self.width)
-            shift, offset = as_integer([fraction] * self.width), kind([whole] * self.width)
+            shift, offset = as_integer([fraction] * self.width), kind([added] * self.width)
         else:
-            as_integer, shift, offset = integer, integer(fraction), kind(whole)
+            as_integer, shift, offset = integer, integer(fraction), kind(added)
         b = self.builder
         return b.bitcast(b.shl(b.bitcast(b.fadd(exponent, offset), as_integer), shift), kind)
 

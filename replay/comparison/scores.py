@@ -91,10 +91,11 @@ def scores(
 
 
 def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
-    """Drift by the noise of the truth alone, by horizon as "30s" [% of the distance].
+    """Estimate the drift [%] that noise of the truth alone causes, by horizon as "30s".
 
-    The last run's path with simulated noise, as white as the truth's and with the wander of the robot
-    file's fixes, takes the place of the truth. Empty without a truth, or if the truth has headings.
+    The path of the last run is scored against itself plus noise: white with the deviation of the truth,
+    and the wander of the robot file if fixes are the truth. Then headings are found as the truth's were.
+    Empty without a truth, or if the truth has headings of its own.
     """
     from scipy.signal import lfilter
 
@@ -105,16 +106,16 @@ def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
     stamps, wander = shared_stamps(path, log.truth.poses), FixWander.of(robot)
     wander_sigma = wander.sigma if log.truth.source == OF_FIXES else 0.0
     step = float(np.median(np.diff(stamps))) * NANOSECOND
-    # The wander is a first-order Gauss-Markov process: correlation of successive poses.
+    # The wander is a first-order Gauss-Markov process, driven by white noise.
     correlation = math.exp(-step / wander.time) if wander_sigma else 0.0
     poses, generator = interpolate_poses(path, stamps), np.random.default_rng(0)
     percents: dict[str, list[float]] = {}
     for _ in range(NOISE_ROUNDS):
-        white, pushes = generator.standard_normal((2, len(stamps), 2))
-        pushes[1:] *= math.sqrt(1.0 - correlation**2)
+        white, driving = generator.standard_normal((2, len(stamps), 2))
+        driving[1:] *= math.sqrt(1.0 - correlation**2)
         noisy = poses.copy()
         noisy[:, :2] += alignment.headings.noise * white
-        noisy[:, :2] += wander_sigma * lfilter([1.0], [1.0, -correlation], pushes, axis=0)
+        noisy[:, :2] += wander_sigma * lfilter([1.0], [1.0, -correlation], driving, axis=0)
         truth = headings_by_path(PoseSeries(stamps, noisy), path)
         if truth is None:
             return {}

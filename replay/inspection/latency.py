@@ -166,24 +166,31 @@ def lag_change(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> La
 
 
 def _best_shift(by_tracks: Floats, by_gyro: Floats) -> tuple[float, float]:
-    """Size of the clear correlation of two series, and the shift between them [s]."""
+    """Correlation of two yaw rates, and by how much the gyro's is later at its best [s].
+
+    Both are even series (n,) of period `STEP`, without their means. The correlation, of either sign,
+    is 0 if another shift has nearly as much, see `CLEAR`.
+    """
     from scipy.signal import correlate
 
     shifts = np.arange(1 - len(by_tracks), len(by_gyro))
+    # Track samples first to last (not included) overlap with the gyro's.
     first, last = np.maximum(0, -shifts), np.minimum(len(by_tracks), len(by_gyro) - shifts)
     shorter = STEP * min(len(by_tracks), len(by_gyro))
-    overlaps = STEP * (last - first) >= max(LEAST_OVERLAP, 0.5 * shorter)
-    squares = [np.concatenate([[0.0], np.cumsum(rates**2)]) for rates in (by_tracks, by_gyro)]
-    energy = squares[0][last] - squares[0][first]
-    energy *= squares[1][(last + shifts)] - squares[1][(first + shifts)]
-    products = correlate(by_gyro, by_tracks, "full", "fft")
-    correlation = np.where(overlaps & (energy > 0.0), products, 0.0)
-    correlation = np.abs(correlation) / np.sqrt(np.maximum(energy, 1e-12))
-    best = int(np.argmax(correlation))
-    others = correlation[np.abs(shifts - shifts[best]) * STEP > APART]
-    size = float(correlation[best])
-    is_clear = size >= CLEAR and others.max(initial=0.0) <= NEXT * size
-    return (size if is_clear else 0.0), STEP * float(shifts[best])
+    is_long = STEP * (last - first) >= max(LEAST_OVERLAP, 0.5 * shorter)
+    of_tracks, of_gyro = (
+        np.concatenate([[0.0], np.cumsum(rates**2)]) for rates in (by_tracks, by_gyro)
+    )
+    energy = of_tracks[last] - of_tracks[first]
+    energy *= of_gyro[last + shifts] - of_gyro[first + shifts]
+    products = np.abs(correlate(by_gyro, by_tracks, "full", "fft"))
+    correlations = np.where(is_long & (energy > 0.0), products, 0.0)
+    correlations /= np.sqrt(np.maximum(energy, 1e-12))
+    best = int(np.argmax(correlations))
+    others = correlations[np.abs(shifts - shifts[best]) * STEP > APART]
+    highest = float(correlations[best])
+    is_clear = highest >= CLEAR and others.max(initial=0.0) <= NEXT * highest
+    return (highest if is_clear else 0.0), STEP * float(shifts[best])
 
 
 def _even_rates(stamps: Stamps, rates: Floats) -> Floats:

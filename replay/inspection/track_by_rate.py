@@ -36,9 +36,11 @@ class TrackByRate(NamedTuple):
 
 
 def track_windows(log: Log, vertical: Floats, bias: float = 0.0) -> Floats:
-    """Mean yaw rates and V_r - V_l (n, 2) of windows without hole or changing rate."""
-    # Track speeds may be rates. `vertical` (n,) is the rate about the vertical at the IMU's stamps, with
-    # this bias [rad/s].
+    """Mean yaw rate [rad/s] and V_r - V_l (n, 2) in windows of steady turning.
+
+    Windows with a hole are left out. V_r - V_l is in m/s, or in rad/s if track speeds are rates.
+    `vertical` (n,) is the rate about the vertical at the IMU's stamps, with this bias [rad/s].
+    """
     if log.imu is None or not are_usable(log.tracks):
         return np.zeros((0, 2))
     tracks, imu, step = log.tracks.stamps, log.imu.stamps, round(WINDOW / NANOSECOND)
@@ -52,7 +54,7 @@ def track_windows(log: Log, vertical: Floats, bias: float = 0.0) -> Floats:
         integral = np.interp(edges, stamps, running_integral(stamps, values))
         means[:, column] = np.diff(integral) / WINDOW
     # Where the rate changes, what remains of a latency would count as a narrower track.
-    rates, _ = means.T
+    rates = means[:, 0]
     changes = np.abs(np.diff(rates))
     is_used[1:] &= changes < STEADY * np.abs(rates[1:])
     is_used[:-1] &= changes < STEADY * np.abs(rates[:-1])

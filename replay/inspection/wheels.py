@@ -329,7 +329,7 @@ def sides_of(wheels: Floats, turning: Floats) -> tuple[NDArray[np.bool_], NDArra
 def _unit_by_size(
     mapping: TopicMap, log: Log, vertical: Floats, notes: list[str]
 ) -> dict[str, Any]:
-    """Unit of track speeds whose names state none: rad/s if m/s are implausible."""
+    """Unit of track speeds whose names state none: rad/s if m/s are implausible, with a note."""
     tracks = mapping.track_keys
     if tracks is None or not tracks.left or tracks.unit != "m/s" or METRES.search(tracks.left[0]):
         return {}
@@ -337,16 +337,17 @@ def _unit_by_size(
     if log.imu is not None:
         turning = imu_mounting.turning_correlation(log.tracks, log.imu, vertical)
     found = wheel_estimates(log, vertical, abs(turning or 0.0))
-    ratio, track = found.distance_ratio, found.track_ratio
-    least, most = WHEEL_RADII
-    if ratio is not None and not least < ratio < most:
+    smallest, largest = WHEEL_RADII
+    if (radius := found.distance_ratio) is not None:
+        is_rate = smallest < radius < largest
+        reason = f"the distance over ground is {radius:.2g} times theirs"
+    else:
+        track = abs(found.track_ratio or 0.0)
+        is_rate = WIDEST < track < WIDEST_IN_RADII
+        reason = f"in m/s the effective track would be {track:.2g} m"
+    if not is_rate:
         return {}
-    if ratio is None and (track is None or not WIDEST < abs(track) < WIDEST_IN_RADII):
-        return {}
-    shown = f"in m/s the effective track would be {abs(track):.2g} m" if track else ""
-    if ratio is not None:
-        shown = f"the distance over ground is {ratio:.2g} times theirs"
-    notes.append(f"tracks: taken for rad/s: {shown}")
+    notes.append(f"tracks: taken for rad/s: {reason}")
     return {"unit": "rad/s"}
 
 

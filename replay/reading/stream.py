@@ -141,7 +141,7 @@ class Stream:
         Raises:
             ReplayError: the message type is unsupported for this stream, or has no definition.
         """
-        decode = self._decode.get(record.channel) or self._decoder(record.channel)
+        decode = self._decode.get(record.channel) or self._add_decoder(record.channel)
         try:
             message = decode(record.data)
             self._take(record, message)
@@ -251,7 +251,8 @@ class Stream:
             )
         return stamps[places], rows[places]
 
-    def _decoder(self, channel: Channel) -> Callable[[bytes], Any]:
+    def _add_decoder(self, channel: Channel) -> Callable[[bytes], Any]:
+        """Make and keep the decoder of a channel, if its messages can be read."""
         side = self.side(channel.topic)
         if channel.msgtype not in side.readers and side.any_reader is None:
             problem = unreadable(channel.topic, [channel.msgtype], self.purpose, side.readers)
