@@ -18,7 +18,9 @@ NAMES = {
     "SIGTERM": "terminated",
     "SIGHUP": "terminated: its terminal is gone",
 }
-SOON = 0.05  # time after which a swallowed signal is sent again [s]
+# Packages that crash if an interrupt leaves unfinished what LLVM called them for.
+FRAGILE = ("llvmlite.", "numba.")
+SOON = 0.05  # time after which a command that could not be unwound is tried again [s]
 
 
 class Stop:
@@ -28,24 +30,37 @@ class Stop:
     advice = ""  # how to go on, set by the command
 
     @classmethod
-    def handle(cls, number: int, _: FrameType | None) -> None:
+    def handle(cls, number: int, frame: FrameType | None) -> None:
         """Unwind the command once; the next signal ends it at once."""
         cls.number = number
         for name in NAMES:
             if hasattr(signal, name):
                 signal.signal(getattr(signal, name), signal.SIG_DFL)
+        cls.unwind(signal.SIGINT, frame)
+
+    @classmethod
+    def unwind(cls, _: int, frame: FrameType | None) -> None:
+        """Raise KeyboardInterrupt, as soon as no frame of `FRAGILE` is on the stack."""
+        while frame is not None:
+            if str(frame.f_globals.get("__name__")).startswith(FRAGILE) and cls.unwind_soon():
+                return
+            frame = frame.f_back
         raise KeyboardInterrupt
 
     @classmethod
+    def unwind_soon(cls) -> bool:
+        """Unwind again after `SOON`; return False on systems without such a timer."""
+        if sys.platform == "win32":
+            return False
+        signal.signal(signal.SIGALRM, cls.unwind)
+        signal.setitimer(signal.ITIMER_REAL, SOON)
+        return True
+
+    @classmethod
     def repeat(cls, ignored: sys.UnraisableHookArgs) -> None:
-        """Send the signal again if a callback or finalizer swallowed the interrupt."""
-        if ignored.exc_type is not KeyboardInterrupt or not cls.number:
+        """Unwind again if a callback or finalizer swallowed the interrupt."""
+        if ignored.exc_type is not KeyboardInterrupt or not cls.number or not cls.unwind_soon():
             sys.__unraisablehook__(ignored)
-            return
-        signal.signal(cls.number, cls.handle)
-        again = threading.Timer(SOON, os.kill, (os.getpid(), cls.number))
-        again.daemon = True
-        again.start()
 
 
 @contextmanager

@@ -62,6 +62,21 @@ def test_a_signal_leaves_one_line_and_nothing_else(bag, tmp_path, number, word):
         time.sleep(0.05)
 
 
+def test_code_that_llvm_calls_is_finished_first(tmp_path):
+    """An interrupt there left machine code without an address, and the call of it crashed."""
+    inside = "os.kill(os.getpid(), signal.SIGTERM); time.sleep(0.2); print('finished', flush=True)"
+    script = (
+        "import os, signal, time\n"
+        "from icreckon.cli.common.stopping import stopped_in_one_line\n"
+        "with stopped_in_one_line():\n"
+        f"    exec({inside!r}, globals() | {{'__name__': 'numba.core.codegen'}})\n"
+        "    time.sleep(10.0)\n"
+    )
+    with started(cwd=tmp_path, script=script) as one:
+        assert one.communicate(timeout=60) == ("finished\n", "icreckon: terminated\n")
+    assert one.returncode == 128 + signal.SIGTERM
+
+
 @pytest.mark.parametrize(
     "words",
     [
