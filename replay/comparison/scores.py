@@ -91,7 +91,7 @@ def scores(
 
 
 def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
-    """Estimate the drift [%] that noise of the truth alone causes, by horizon as "30s".
+    """Drift [%] that noise of the truth alone causes, by horizon as "30s".
 
     The path of the last run is scored against itself plus noise: white with the deviation of the truth,
     and the wander of the robot file if fixes are the truth. Then headings are found as the truth's were.

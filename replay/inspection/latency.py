@@ -166,10 +166,10 @@ def lag_change(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> La
 
 
 def _best_shift(by_tracks: Floats, by_gyro: Floats) -> tuple[float, float]:
-    """Correlation of two yaw rates, and by how much the gyro's is later at its best [s].
+    """Correlation of two yaw rates, and the shift of its maximum [s].
 
-    Both are even series (n,) of period `STEP`, without their means. The correlation, of either sign,
-    is 0 if another shift has nearly as much, see `CLEAR`.
+    Both are even series (n,) of period `STEP`, without their means. The shift is positive if the gyro's
+    is later. The correlation, of either sign, is 0 if another shift has nearly as much, see `CLEAR`.
     """
     from scipy.signal import correlate
 

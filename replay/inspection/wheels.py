@@ -329,7 +329,7 @@ def sides_of(wheels: Floats, turning: Floats) -> tuple[NDArray[np.bool_], NDArra
 def _unit_by_size(
     mapping: TopicMap, log: Log, vertical: Floats, notes: list[str]
 ) -> dict[str, Any]:
-    """Unit of track speeds whose names state none: rad/s if m/s are implausible, with a note."""
+    """Unit of track speeds that no name states: rad/s if m/s are implausible."""
     tracks = mapping.track_keys
     if tracks is None or not tracks.left or tracks.unit != "m/s" or METRES.search(tracks.left[0]):
         return {}
