@@ -46,6 +46,7 @@ from icreckon.replay.comparison.fixes import (
 from icreckon.replay.comparison.initial_pose import lateness, start_from_fixes, start_from_truth
 from icreckon.replay.comparison.known_bias import GYRO, KnownBias, known_bias
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_truth, own_alignment
+from icreckon.replay.comparison.truth_frame import in_frame_of_fixes
 
 DEFAULT_VARIANTS = tuple(VARIANTS)
 ALIGNMENT_VARIANT = "constant-online"  # variant that lag and lever arm are estimated by
@@ -95,7 +96,8 @@ def compare(
 ) -> Comparison:
     """Run filter variants over a log.
 
-    The lag and lever arm of a logged truth (one without twists) are removed first. Runs start at the
+    The lag and lever arm of a logged truth (one without twists) are removed first, and it is moved to the
+    frame of the fixes if it is in another one. Runs start at the
     truth's pose if there is one (without fixes at that by their own lever arm), to which dead reckoning
     leads back from a late truth, otherwise at the pose from the fixes or at the origin.
 
@@ -130,6 +132,9 @@ def compare(
         log = with_truth_of_fixes(log)
     log = _without_false_headings(log, robot)
     log, alignment, reckoned = _aligned(log, robot, variants, settings)
+    log = in_frame_of_fixes(log)
+    if alignment is not None and log.truth is not None:
+        alignment = replace(alignment, truth=log.truth)
     if fixes is not None:
         log = with_fixes_within(log, fixes)
     start, sigma = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)

@@ -1,14 +1,17 @@
-"""Holes of a log, after which the pose is a guess."""
+"""Holes of a log, after which the pose is a guess, and of its truth."""
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.scores import Interval
+from icreckon.estimator.log.scores import Interval, interpolate_poses
+from icreckon.estimator.log.series import Truth
 
 HOLE = 1.0  # shortest gap without track speeds or IMU samples that is a hole [s]
+LONGEST_BRIDGE = 1.0  # longest bridged interval of the truth, or twice the usual one [s]
 
 
 def holes_of(log: Log) -> list[Interval]:
@@ -37,3 +40,24 @@ def before_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Inte
 def largest_sigma(covariances: Floats) -> Floats:
     """Standard deviation (n,) of the position along its least certain direction [m]."""
     return np.asarray(np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1]))
+
+
+def true_poses_at(truth: Truth, stamps: Stamps) -> Floats:
+    """Poses (n, 3) of a truth, NaN in its holes; the yaw NaN if it has no headings."""
+    known = truth.poses.stamps
+    poses = interpolate_poses(truth.poses, np.clip(stamps, known[0], known[-1]))
+    poses[~are_bridged(known, stamps)] = np.nan
+    if not truth.headings:
+        poses[:, 2] = np.nan
+    return poses
+
+
+def are_bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
+    """Mask (n,) of the wanted stamps between close known stamps, or next to one."""
+    following = np.clip(np.searchsorted(known, wanted), 1, max(1, len(known) - 1))
+    usual = int(np.median(np.diff(known))) if len(known) > 1 else 0
+    longest = max(int(LONGEST_BRIDGE / NANOSECOND), 2 * usual)
+    before, after = known[following - 1], known[np.minimum(following, len(known) - 1)]
+    is_between = (before <= wanted) & (wanted <= after) & (after - before <= longest)
+    is_near = np.minimum(abs(wanted - before), abs(wanted - after)) <= longest // 2
+    return np.asarray(is_between | is_near)

@@ -10,7 +10,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.frames import rotate, wrap_angle
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.scores import interpolate, interpolate_poses, path_length
+from icreckon.estimator.log.scores import interpolate, path_length
 from icreckon.estimator.log.series import Truth
 from icreckon.estimator.motion.icr import Icrs, PaperTwist, icrs_from_twist, indices_from_icrs
 from icreckon.estimator.robot.robot_file import Robot
@@ -18,7 +18,7 @@ from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import Results
-from icreckon.replay.comparison.holes import largest_sigma
+from icreckon.replay.comparison.holes import are_bridged, largest_sigma, true_poses_at
 from icreckon.replay.comparison.scores import truths_of
 
 # Rows of the series: one each `SERIES_STEP` [s], within these limits. With all nine
@@ -28,7 +28,6 @@ PARAMETER_POINTS = 300
 INNOVATION_POINTS = 700
 ELLIPSES = 30
 LEAST_YAW_RATE = 0.1  # least yaw rate at which indices are computed from a twist [rad/s]
-LONGEST_BRIDGE = 1.0  # longest bridged interval of the truth, or twice the usual one [s]
 DECIMALS = 4  # decimals of positions [m], and of values as large
 POSE, SPATIAL = ("x_m", "y_m", "yaw_rad"), ("z_m", "roll_rad", "pitch_rad")
 SPATIAL_SIGMA = ("z_sigma_m", "roll_sigma_rad", "pitch_sigma_rad")
@@ -124,7 +123,7 @@ def _measured(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
     """Values (n,) of `known` stamps, nearest to the `wanted` ones; NaN in a hole."""
     if len(known) < 2:
         return np.full(len(wanted), math.nan)
-    return np.where(_bridged(known, wanted), _nearest(known, values, wanted), math.nan)
+    return np.where(are_bridged(known, wanted), _nearest(known, values, wanted), math.nan)
 
 
 def _at_point(poses: Floats, point: Floats) -> Floats:
@@ -163,27 +162,6 @@ def _nis(run: Run, rows: NDArray[np.int64]) -> Floats:
 def picks(count: int, most: int) -> NDArray[np.int64]:
     """Select at most `most` rows, evenly spaced, including the first and the last."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
-
-
-def true_poses_at(truth: Truth, stamps: Stamps) -> Floats:
-    """Poses (n, 3) of a truth, NaN in its holes; the yaw NaN if it has no headings."""
-    known = truth.poses.stamps
-    poses = interpolate_poses(truth.poses, np.clip(stamps, known[0], known[-1]))
-    poses[~_bridged(known, stamps)] = np.nan
-    if not truth.headings:
-        poses[:, 2] = np.nan
-    return poses
-
-
-def _bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
-    """Mask (n,) of the wanted stamps between close known stamps, or next to one."""
-    following = np.clip(np.searchsorted(known, wanted), 1, max(1, len(known) - 1))
-    usual = int(np.median(np.diff(known))) if len(known) > 1 else 0
-    longest = max(int(LONGEST_BRIDGE / NANOSECOND), 2 * usual)
-    before, after = known[following - 1], known[np.minimum(following, len(known) - 1)]
-    is_between = (before <= wanted) & (wanted <= after) & (after - before <= longest)
-    is_near = np.minimum(abs(wanted - before), abs(wanted - after)) <= longest // 2
-    return np.asarray(is_between | is_near)
 
 
 def _parameters(run: Run, start: int) -> Results:

@@ -17,28 +17,23 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.frames import rotate
 from icreckon.estimator.base.plain_data import json_types, package_versions
 from icreckon.estimator.filter.fault_table import CORRELATED
 from icreckon.estimator.filter.health import Health
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import Interval, drift, path_length
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.smoother import SMOOTHED
-from icreckon.replay.base.errors import OF_ROBOT_FILE
 from icreckon.replay.comparison import drift_table
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import Drifts
-from icreckon.replay.comparison.fixes import OF_FIXES, scored_intervals
+from icreckon.replay.comparison.fixes import scored_intervals
 from icreckon.replay.comparison.holes import holes_of
-from icreckon.replay.comparison.plot_series import series_of, true_poses_at
+from icreckon.replay.comparison.plot_series import series_of
 from icreckon.replay.comparison.scores import differences, noise_drifts, scores, truths_of
+from icreckon.replay.comparison.truth_frame import far_fixes_note
 
 FORMAT = 1
-FAR_OFF = 5.0  # distance of fixes from a truth, over their sigma, from which on it is noted [-]
-TURNED = 5.0  # turn between the frames of fixes and truth from which on it is noted [deg]
-FEWEST_PLACES = 10  # fewest fixes that show it
 ENOUGH_FIXES = 30  # number of fixes that show a correlation of successive innovations
 # Lists of numbers are written on one line; no string holds a line break.
 NUMBERS = re.compile(r"\[\n[-+.\deE\s,nul]*\]")
@@ -192,38 +187,7 @@ def _findings(comparison: Comparison) -> list[str]:
             "those of fixes with white errors have none: they wander, or come late; set wander_sigma and "
             "wander_time where icreckon inspect proposes them, else least_sigma: 2.0 for plain GPS"
         )
-    return [*notes, *_frame_note(comparison.log, wanders=bool(wanders))]
-
-
-def _frame_note(log: Log, *, wanders: bool) -> list[str]:
-    """Note on fixes in another frame than the truth, or far off it unless they wander."""
-    truth, fixes = log.truth, log.fixes
-    if truth is None or truth.source == OF_FIXES or fixes is None:
-        return []
-    poses = true_poses_at(truth, fixes.stamps)
-    antennas = poses[:, :2] + rotate(fixes.lever_arms, poses[:, 2])
-    # Places as complex numbers, so that a turn is a factor.
-    places, true = (xy[:, 0] + 1j * xy[:, 1] for xy in (fixes.poses[:, :2], antennas))
-    known = np.isfinite(places) & np.isfinite(true)
-    if known.sum() < FEWEST_PLACES:
-        return []
-    places, true = places[known], true[known]
-    off = float(np.median(np.abs(places - true)))
-    stated = math.sqrt(float(np.median(fixes.variances[:, 0])))
-    about_mean, true_about_mean = places - places.mean(), true - true.mean()
-    turn = float(np.angle(np.vdot(true_about_mean, about_mean)))
-    left = float(np.median(np.abs(about_mean - true_about_mean * np.exp(1j * turn))))
-    if abs(math.degrees(turn)) > TURNED and left < 0.3 * min(off, float(true.std())):
-        return [
-            f"{OF_ROBOT_FILE}the fixes are in another frame than the truth, turned by "
-            f"{math.degrees(turn):.0f} deg: results with both are wrong; leave one of them out"
-        ]
-    if off < FAR_OFF * stated or wanders:
-        return []
-    return [
-        f"the fixes are {off:.2g} m off the truth in the median and state {stated:.2g} m: they wander, "
-        "or are not in the frame of the truth, where runs begin (origin or frames in [log.fixes])"
-    ]
+    return notes if wanders else [*notes, *far_fixes_note(comparison.log)]
 
 
 def _scatter_note(healths: list[Health]) -> list[str]:

@@ -22,7 +22,7 @@ from icreckon.replay.base.outputs import new_file
 from icreckon.replay.base.units import column_name
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.fixes import OF_FIXES
-from icreckon.replay.comparison.plot_series import true_poses_at
+from icreckon.replay.comparison.holes import true_poses_at
 from icreckon.replay.comparison.scores import truths_of
 
 Format = Literal["csv", "parquet"]

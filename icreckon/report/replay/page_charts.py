@@ -20,7 +20,7 @@ from icreckon.estimator.streaming.outputs import icr_points
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.base.colours import FIX_COLOUR, TRUTH_COLOUR, colour_of, on_dark
 from icreckon.replay.base.units import unit
-from icreckon.replay.comparison.plot_series import LONGEST_BRIDGE
+from icreckon.replay.comparison.holes import LONGEST_BRIDGE
 from icreckon.replay.comparison.results import Results
 from icreckon.report.replay.page_drive import drive_data, floats, known, listed
 from icreckon.report.replay.page_text import found_faults, has_yaw_errors

@@ -11,7 +11,7 @@ import pytest
 import icreckon
 from icreckon import Comparison, EstimatorError, Robot, Scenario, compare, simulate, summarise
 from icreckon.estimator.base.frames import rotate
-from icreckon.estimator.robot.settings import FixWander, Settings
+from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.robot.variants import VARIANTS as ALL_VARIANTS
 from icreckon.replay.base.colours import COLOURS
 from icreckon.replay.base.errors import ReplayError
@@ -133,12 +133,17 @@ def test_fixes_in_another_frame_than_the_truth_are_noted(robot: Robot, shift: fl
     assert any("not in the frame of the truth" in note for note in notes) == bool(shift)
 
 
-def test_fixes_in_a_frame_that_is_turned_are_named_above_all(robot: Robot) -> None:
+@pytest.mark.parametrize("headings", [True, False])
+def test_a_truth_in_another_frame_is_moved_to_that_of_the_fixes(robot, headings):
+    """A total station has its own frame: errors were those of the frames, 240 m with NEES of millions."""
     log = simulate(Scenario(duration=60.0, seed=1, fix_rate=1.0), robot)
-    poses = log.fixes.poses.copy()
-    poses[:, :2] = rotate(poses[:, :2], np.full(len(poses), 1.0)) + np.array([5.0, -3.0])
-    turned = replace(log, fixes=replace(log.fixes, poses=poses))
-    wander = FixWander(sigma=2.0, time=60.0)
-    found = compare(turned, robot, "inertia-online", settings=Settings(wander=wander))
-    notes = summarise(found, robot)["log"]["notes"]
-    assert any(note.startswith("robot file: the fixes are in another frame") for note in notes)
+    poses = log.truth.poses.poses.copy()
+    poses[:, :2] = rotate(poses[:, :2], np.full(len(poses), 1.0)) + np.array([50.0, -30.0])
+    poses[:, 2] = poses[:, 2] + 1.0 if headings else np.nan
+    truth = Truth(PoseSeries(log.truth.poses.stamps, poses), None, None, "total station", headings)
+    found = compare(replace(log, truth=truth), robot, "inertia-online")
+    (note,) = (note for note in found.log.notes if "another frame" in note)
+    assert "by a turn of -57" in note
+    results = summarise(found, robot)["variants"]["inertia-online"]
+    assert results["final_position_error_m"] < 0.3
+    assert results["rejected"].get("position", 0) == 0
