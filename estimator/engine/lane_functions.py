@@ -495,6 +495,7 @@ def begin_position(record: Any, lane: Floats, rows: Any) -> None:
     lane[rows[4], 0], lane[rows[5], 0] = record.trend_size, record.departed_for
     lane[rows[6], 0], lane[rows[7], 0] = record.departed_from_x, record.departed_from_y
     lane[rows[8], 0], lane[rows[9], 0] = record.departed_by_x, record.departed_by_y
+    lane[rows[10], 0] = record.departed_first
 
 
 def end_position(record: Any, lane: Floats, rows: Any) -> None:
@@ -504,6 +505,7 @@ def end_position(record: Any, lane: Floats, rows: Any) -> None:
     record.trend_size, record.departed_for = lane[rows[4], 0], lane[rows[5], 0]
     record.departed_from_x, record.departed_from_y = lane[rows[6], 0], lane[rows[7], 0]
     record.departed_by_x, record.departed_by_y = lane[rows[8], 0], lane[rows[9], 0]
+    record.departed_first = lane[rows[10], 0]
 
 
 def evaluate_twist(

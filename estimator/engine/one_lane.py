@@ -81,7 +81,7 @@ class LanePlaces(NamedTuple):
     memory_size: int  # number of numbers of the memory
     stood: int  # row that is 1 if the robot was found standing
     slip_factor: int  # row of the factor on the slip
-    of_record: Any  # (10,) rows of `OF_RECORD`
+    of_record: Any  # (11,) rows of `OF_RECORD`
     # (3, 4) rows of gyro and accelerometers, forward and left: time of rejections, number admitted,
     # innovation, its variance
     imu_gates: Any

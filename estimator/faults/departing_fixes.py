@@ -22,6 +22,8 @@ DEPARTURE_TIME, DEPARTED_FIXES = 0.5, 2.0
 DEPARTURE_SHARE, DEPARTURE_SIGMAS = 1.2, 3.0
 FASTEST_TURN = 0.2  # fastest turn of the path that a wrong gyro explains [rad/s]
 SAME_SIDE = 0.8  # least cosine between successive departures, and least ratio of them
+# Least size of a departure over that of its first fix: of a jump it stays, of slip or a turn it grows.
+GROWTH = 1.5
 # Share of the distance driven by which a departure is behind where the robot stands, and share of the
 # noise by which it may then be smaller than the one before.
 STANDS, NOISE_SHARE = 0.5, 0.67
@@ -38,6 +40,7 @@ class Departure(NamedTuple):
     from_y: Any = 0.0
     by_x: Any = 0.0  # innovation of the newest fix [m]
     by_y: Any = 0.0
+    first: Any = 0.0  # size of the innovation of the first fix that departs [m]
 
 
 class Indicated(NamedTuple):
@@ -95,9 +98,11 @@ def departure_after(
     least = max(0.0, SAME_SIDE * by - by_noise)
     continues = (z_x * before.by_x + z_y * before.by_y >= least * size) & (size >= least)
     departs = is_in_reach & ((before.time <= 0.0) | continues)
-    is_followed = departs & (before.time >= max(DEPARTURE_TIME, DEPARTED_FIXES * interval))
+    first = select(before.time > 0.0, before.first, size)
+    is_long = before.time >= max(DEPARTURE_TIME, DEPARTED_FIXES * interval)
+    is_followed = departs & is_long & (size >= GROWTH * first)
     from_x, from_y = select(departs, before.from_x, path_x), select(departs, before.from_y, path_y)
-    after = Departure(select(departs, time, 0.0), from_x, from_y, *z)
+    after = Departure(select(departs, time, 0.0), from_x, from_y, *z, first)
     ahead, left = beyond_noise(ahead, variance_ahead), beyond_noise(left, variance_left)
     # A yaw error that grows with time moves the path half as far as one from the start on. A robot that
     # has slipped and turns on the spot departs as far: over a short distance only a slow turn counts.
@@ -107,6 +112,12 @@ def departure_after(
     slip = select(cos * heading[0] + sin * heading[1] < 0.0, -ahead, ahead) / time
     along, beside = (cos * ahead, sin * ahead), (-sin * left, cos * left)
     return after, is_followed, Indicated(along, slip, beside, yaw, -2.0 * yaw / time)
+
+
+def are_departing(record: Any) -> bool:
+    """Return True while a filter's record has fixes that depart from the path, by more and more."""
+    size = math.hypot(record.departed_by_x, record.departed_by_y)
+    return bool(record.departed_for >= DEPARTURE_TIME and size >= GROWTH * record.departed_first)
 
 
 def along_and_beside(

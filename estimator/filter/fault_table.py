@@ -13,7 +13,7 @@ import msgspec
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.records import NEVER
-from icreckon.estimator.faults.departing_fixes import DEPARTURE_TIME
+from icreckon.estimator.faults.departing_fixes import are_departing
 from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS, WORKS
 from icreckon.estimator.faults.odd_wheels import NO_WHEEL, are_found
 from icreckon.estimator.faults.repeating_fixes import most_driven
@@ -204,7 +204,7 @@ def _find_wandering(record: Any) -> Iterator[Found]:
 
 
 def _find_departing(record: Any) -> Iterator[Found]:
-    if record.departed_for >= DEPARTURE_TIME:
+    if are_departing(record):
         size = math.hypot(record.departed_by_x, record.departed_by_y)
         text = f"fixes depart from the path, now by {size:.2f} m"
         yield Found("position", text, size=size)
@@ -352,7 +352,7 @@ def put_faults(record: Any, row: Any) -> None:
     row[9] = tracks.gyro.fault != WORKS
     row[10] = slides(tracks.forward)
     row[11] = record.still.carried_since != NEVER
-    row[12] = record.departed_for >= DEPARTURE_TIME
+    row[12] = are_departing(record)
 
 
 # --- faults of users ----------------------------------------------------------------------------------

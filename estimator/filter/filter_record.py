@@ -25,7 +25,9 @@ from icreckon.estimator.sensors.standstill import StandstillRecord, stopped_afte
 from icreckon.estimator.sensors.track_latency import RateRecord
 
 # Fields of the departure of position fixes from the path, see `faults.departing_fixes.Departure`.
-DEPARTURE = ("departed_for", "departed_from_x", "departed_from_y", "departed_by_x", "departed_by_y")
+DEPARTURE = tuple(
+    f"departed_{part}" for part in ("for", "from_x", "from_y", "by_x", "by_y", "first")
+)
 Factor = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)]  # factor on the slip
 
 
@@ -55,6 +57,7 @@ class FilterRecord(msgspec.Struct):
     departed_from_y: float = 0.0
     departed_by_x: float = 0.0  # innovation of the newest fix [m]
     departed_by_y: float = 0.0
+    departed_first: Size = 0.0  # size of the innovation of the first one that departs [m]
     fixes: FixesRecord = msgspec.field(default_factory=FixesRecord)  # the newest position fixes
     # newest places of the position fixes and of the pose fixes
     positions: PlaceRecord = msgspec.field(default_factory=PlaceRecord)

@@ -86,7 +86,7 @@ def test_a_robot_that_stands_while_its_tracks_spin_up_is_hardly_ever_lost() -> N
 
 @pytest.mark.parametrize(("interval", "needed"), [(0.1, 6), (0.2, 4), (1.0, 3)])
 def test_a_departure_that_grows_is_clear_after_half_a_second_and_three_fixes(interval, needed):
-    found, _, _ = departed([(0.0, 0.2 + 0.1 * k * interval) for k in range(10)], interval)
+    found, _, _ = departed([(0.0, 0.2 + 0.4 * k * interval) for k in range(10)], interval)
     assert found.index(True) + 1 == needed
     assert all(found[needed:])
 
@@ -285,6 +285,20 @@ def test_a_burst_of_wrong_fixes_does_not_move_the_pose(robot: Robot) -> None:
     one = run(wrong, robot, "inertia-online")
     assert np.hypot(*(one.states[:, :2] - right.states[:, :2]).T).max() < 0.2
     assert one.health.sensors["position"].rejected["gate"] == burst.sum()
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
+def test_fixes_that_jump_by_less_than_the_robot_drives_do_not_turn_it(variant, robot):
+    """RTK with wrong ambiguities is 0.3 m off for 5 s: it turned the yaw by 37 and 39°."""
+    log = driven(5.0, 0.01, 70.0, 5)
+    at = (log.fixes.stamps - log.start) * 1e-9
+
+    def jump(poses: np.ndarray, _: np.ndarray) -> None:
+        poses[(at > 40.0) & (at < 45.0), 0] += 0.3
+
+    log = with_poses(log, jump)
+    seconds, _, yaw = errors(run(log, robot, variant), log)
+    assert yaw[seconds > 35.0].max() < math.radians(4.0)
 
 
 @pytest.mark.parametrize(("name", "jump"), [("biased", JUMPS_AT), ("spinning", 30.0)])
