@@ -26,8 +26,8 @@ from icreckon.estimator.engine.filters import BatchFilter, work_places
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, array_rows
 from icreckon.estimator.engine.lane_functions import move_inputs, sample_inputs
-from icreckon.estimator.engine.layout import FACTORS, INPUTS, MOTION, TREND, covariance_name
-from icreckon.estimator.engine.one_lane import OF_TIME
+from icreckon.estimator.engine.layout import INPUTS, MOTION, covariance_name
+from icreckon.estimator.engine.one_lane import OF_RECORD, OF_TIME
 from icreckon.estimator.engine.step import Step, StepKind, step_kernel
 from icreckon.estimator.engine.work import Places, follow_in_lane, let_wander, relocate_lane
 from icreckon.estimator.faults.repeating_fixes import repeats
@@ -37,7 +37,6 @@ from icreckon.estimator.faults.spinning_tracks import is_found
 from icreckon.estimator.faults.stuck_tracks import frozen_from, stuck_from
 from icreckon.estimator.filter import ekf
 from icreckon.estimator.filter.filter_record import (
-    DEPARTURE,
     FilterRecord,
     FixesRecord,
     ends_step,
@@ -71,9 +70,7 @@ SOURCE = TEMPLATES / "icreckon_filter.c.in"
 TOLERANCE = {64: 1e-6, 32: 0.02}
 # Fields that the filter in C does not need: settings are constants, the workspace has the gates and what
 # position fixes change, and nobody watches latencies.
-WITHOUT = frozenset(
-    {"settings", "poses", *IMU_SENSORS, "turning", "yaw_rates", *FACTORS, *TREND, *DEPARTURE}
-)
+WITHOUT = frozenset({"settings", "poses", *IMU_SENSORS, "turning", "yaw_rates", *OF_RECORD})
 RECORD = f"icr_{FilterRecord.__name__}"
 SETTINGS, PLACES = Type("record", "icr_InputSettings"), Type("record", "Places")
 LEARNT = range(s.LEARNT.start, s.LEARNT.stop)

@@ -22,12 +22,14 @@ from icreckon.estimator.engine.model import (
 from icreckon.estimator.engine.step import PredictedPose, Step, StepKind
 from icreckon.estimator.faults.departing_fixes import Departure, errors_by_cause
 from icreckon.estimator.filter.ekf import LEAST_VARIANCE
-from icreckon.estimator.filter.filter_record import DEPARTURE
+from icreckon.estimator.filter.filter_record import ALIKE, DEPARTURE
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.kernel import Kernel
 from icreckon.estimator.tracing.trace import maximum, minimum, select
+
+ALIKE_TO = 10.0  # factor between the variances of fixes that are not alike, as RTK float and fixed
 
 
 class FixKind(NamedTuple):
@@ -52,6 +54,7 @@ def position_kernel(
     # The present slip may have lasted since the fix before.
     slipped = lasting_slip(lane.x[s.SLIP_X], fix.heading, fix.interval)
     fix.inflate((s.X, s.Y, s.SLIP_X), slipped, fix.judged)
+    fix.follow_precision()
     # Fixes that the gate would reject may depart from the path, which makes the states uncertain.
     S, nis = fix.innovation_covariance()
     is_off = fix.judged & ~(nis <= lane.constant("position_threshold"))
@@ -59,6 +62,7 @@ def position_kernel(
     S, nis = fix.innovation_covariance()
     verdict = fix.gate(nis)
     fix.store_departure(departure, is_off, verdict)
+    fix.store_precision(verdict)
     fix.update(S, verdict)
     is_usable = verdict.admitted | verdict.reacquired
     lane.count("position", nis, verdict.admitted, is_usable, verdict.tested, fix.interval)
@@ -94,6 +98,7 @@ class _PositionFix:
     def __init__(self, lane: Lane, kind: FixKind) -> None:
         self.lane = lane
         variance, mode = lane.input("fix_variance"), lane.input("fix_mode")
+        self.variance = variance
         self.predicted, self.rows, covariance = _antenna(lane, _predicted(lane, kind))
         x, y, yaw = self.predicted
         if s.WANDER_X in lane.shape.states:
@@ -126,6 +131,30 @@ class _PositionFix:
         self.lane.P.add_error(dict(zip(states, moved, strict=True)))
         products = [a * b for a, b in combinations_with_replacement(moved, 2)]
         self.lane.report("motion", products, states)
+
+    def follow_precision(self) -> None:
+        """Inflate the position for a fix that is far more precise than those before.
+
+        Each of these was used as if its error were new. If all n of them have one error, as those of RTK
+        that floats, all but one are taken back: 1/P - (n - 1)/R, but no more than R.
+        """
+        lane, (before, count) = self.lane, (self.lane.row(name) for name in ALIKE)
+        is_sharp = self.judged & (self.variance * ALIKE_TO < before)
+        for axis in (s.X, s.Y):
+            present = lane.P.entry(axis, axis)
+            share = present / maximum(before, LEAST_VARIANCE)
+            together = present / maximum(1.0 - (count - 1.0) * share, share)
+            added = select(is_sharp, maximum(together - present, 0.0), 0.0)
+            lane.P.add_error({axis: 1.0}, added)
+            lane.report("inflated", (added,), (axis,))
+
+    def store_precision(self, verdict: _Verdict) -> None:
+        """Count the fixes that were used since their variance last changed by much."""
+        lane, (before, count) = self.lane, (self.lane.row(name) for name in ALIKE)
+        variance = self.variance
+        is_alike = (variance * ALIKE_TO >= before) & (variance < ALIKE_TO * before)
+        for row, value in zip(ALIKE, (variance, select(is_alike, count + 1.0, 1.0)), strict=True):
+            lane.stores[row] = select(verdict.used, value, lane.row(row))
 
     def follow_departure(self, S: tuple[Any, Any, Any], is_off: Any) -> tuple[Departure, Any]:
         """Inflate the states where fixes that the gate would reject depart from the path.

@@ -495,7 +495,8 @@ def begin_position(record: Any, lane: Floats, rows: Any) -> None:
     lane[rows[4], 0], lane[rows[5], 0] = record.trend_size, record.departed_for
     lane[rows[6], 0], lane[rows[7], 0] = record.departed_from_x, record.departed_from_y
     lane[rows[8], 0], lane[rows[9], 0] = record.departed_by_x, record.departed_by_y
-    lane[rows[10], 0] = record.departed_first
+    lane[rows[10], 0], lane[rows[11], 0] = record.departed_first, record.alike_variance
+    lane[rows[12], 0] = record.alike_count
 
 
 def end_position(record: Any, lane: Floats, rows: Any) -> None:
@@ -505,7 +506,8 @@ def end_position(record: Any, lane: Floats, rows: Any) -> None:
     record.trend_size, record.departed_for = lane[rows[4], 0], lane[rows[5], 0]
     record.departed_from_x, record.departed_from_y = lane[rows[6], 0], lane[rows[7], 0]
     record.departed_by_x, record.departed_by_y = lane[rows[8], 0], lane[rows[9], 0]
-    record.departed_first = lane[rows[10], 0]
+    record.departed_first, record.alike_variance = lane[rows[10], 0], lane[rows[11], 0]
+    record.alike_count = lane[rows[12], 0]
 
 
 def evaluate_twist(

@@ -37,7 +37,7 @@ from icreckon.estimator.engine.layout import (
 )
 from icreckon.estimator.engine.model import described
 from icreckon.estimator.engine.step import StepKind, step_kernel, twist_kernel
-from icreckon.estimator.filter.filter_record import DEPARTURE
+from icreckon.estimator.filter.filter_record import ALIKE, DEPARTURE
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.sensors.measurement_models import IMU_SENSORS
 from icreckon.estimator.tracing.kernel import Kernel
@@ -58,7 +58,7 @@ FIXES = {
     POSITION: ("position", FixKind(fast_slip=True)),
     POSITION_AHEAD: ("position_ahead", FixKind(fast_slip=True, ahead=True)),
 }
-OF_RECORD = (*FACTORS, *TREND, *DEPARTURE)  # rows that the record of a filter holds
+OF_RECORD = (*FACTORS, *TREND, *DEPARTURE, *ALIKE)  # rows that the record of a filter holds
 
 
 class LanePlaces(NamedTuple):
@@ -81,7 +81,7 @@ class LanePlaces(NamedTuple):
     memory_size: int  # number of numbers of the memory
     stood: int  # row that is 1 if the robot was found standing
     slip_factor: int  # row of the factor on the slip
-    of_record: Any  # (11,) rows of `OF_RECORD`
+    of_record: Any  # (13,) rows of `OF_RECORD`
     # (3, 4) rows of gyro and accelerometers, forward and left: time of rejections, number admitted,
     # innovation, its variance
     imu_gates: Any

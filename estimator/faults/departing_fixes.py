@@ -22,7 +22,7 @@ DEPARTURE_TIME, DEPARTED_FIXES = 0.5, 2.0
 DEPARTURE_SHARE, DEPARTURE_SIGMAS = 1.2, 3.0
 FASTEST_TURN = 0.2  # fastest turn of the path that a wrong gyro explains [rad/s]
 SAME_SIDE = 0.8  # least cosine between successive departures, and least ratio of them
-# Least size of a departure over that of its first fix: of a jump it stays, of slip or a turn it grows.
+# Least size of a departure over that of the first rejected fix: a jump stays, slip and a turn grow.
 GROWTH = 1.5
 # Share of the distance driven by which a departure is behind where the robot stands, and share of the
 # noise by which it may then be smaller than the one before.
@@ -40,7 +40,9 @@ class Departure(NamedTuple):
     from_y: Any = 0.0
     by_x: Any = 0.0  # innovation of the newest fix [m]
     by_y: Any = 0.0
-    first: Any = 0.0  # size of the innovation of the first fix that departs [m]
+    first: Any = (
+        0.0  # size of the innovation of the first rejected fix; 0 after one that is used [m]
+    )
 
 
 class Indicated(NamedTuple):
@@ -98,7 +100,7 @@ def departure_after(
     least = max(0.0, SAME_SIDE * by - by_noise)
     continues = (z_x * before.by_x + z_y * before.by_y >= least * size) & (size >= least)
     departs = is_in_reach & ((before.time <= 0.0) | continues)
-    first = select(before.time > 0.0, before.first, size)
+    first = select(before.first > 0.0, before.first, size)
     is_long = before.time >= max(DEPARTURE_TIME, DEPARTED_FIXES * interval)
     is_followed = departs & is_long & (size >= GROWTH * first)
     from_x, from_y = select(departs, before.from_x, path_x), select(departs, before.from_y, path_y)

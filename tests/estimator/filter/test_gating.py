@@ -140,3 +140,30 @@ def test_a_short_fault_leaves_gravity_and_motion_as_they_were(variant: str) -> N
     # Some uncertainty of the slip is used to explain it, too.
     assert np.abs(np.array(twists[600:]) - twists[590]).max() < 0.1
     assert estimator.twist == pytest.approx(twists[590], abs=0.02)
+
+
+@pytest.mark.parametrize("variant", ["gyro", "inertia-online"])
+def test_rtk_is_used_at_once_after_it_has_floated(variant: str) -> None:
+    """While it floats, its fixes have one error: counted as many, it kept RTK out for ten seconds."""
+    estimator = PoseEstimator(ALPHA, variant)
+
+    def drive(start: float, end: float, sigma: float, off: float) -> list[bool]:
+        used = []
+        for k in range(round(start * 50), round(end * 50)):
+            estimator.feed(TrackSpeeds(seconds(k / 50), 0.3, 0.3))
+            estimator.feed(ImuSample(seconds(k / 50), (0.0, 0.0, 0.0)))
+            if k % 10 == 0:
+                fix = PositionFix(seconds(k / 50), 0.3 * k / 50, off, sigma**2)
+                used.append(estimator.feed(fix))
+        return used
+
+    drive(0.0, 10.0, 0.012, 0.0)
+    # One fix in between explains no error of later ones.
+    drive(10.0, 10.2, 0.35, 0.6)
+    assert not any(drive(10.2, 10.8, 0.012, 0.5))
+    drive(10.8, 20.0, 0.012, 0.0)
+    drive(20.0, 50.0, 0.35, 0.6)
+    assert estimator.state[s.Y] > 0.4
+    assert all(drive(50.0, 52.0, 0.012, 0.0))
+    assert abs(estimator.state[s.Y]) < 0.02
+    assert abs(estimator.state[s.YAW]) < 0.1
