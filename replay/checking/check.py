@@ -13,7 +13,7 @@ from icreckon.estimator.base.frames import matrix_to_rpy, relative
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries, Truth
-from icreckon.estimator.robot.robot_file import Imu, Robot
+from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.wheels import STRAIGHT as LARGEST_TURNING
 from icreckon.replay.inspection.wheels import wheel_estimates
@@ -123,22 +123,16 @@ def mapped_table(robot: Robot, stream: str) -> str:
 
 def with_imu(**values: object) -> Correction:
     """Correction that sets keys of the robot's [imu] to values."""
-
-    def corrected(log: Log, robot: Robot) -> tuple[Log, Robot]:
-        imu: Imu = structs.replace(robot.imu, **values)
-        return log, structs.replace(robot, imu=imu)
-
-    return corrected
+    changed = structs.replace
+    return lambda log, robot: (log, changed(robot, imu=changed(robot.imu, **values)))
 
 
 def with_speeds(change: Callable[[Floats], Floats]) -> Correction:
     """Correction that changes the log's track speeds (n, 2)."""
-
-    def corrected(log: Log, robot: Robot) -> tuple[Log, Robot]:
-        tracks = TrackSpeedSeries(log.tracks.stamps, change(log.tracks.speeds))
-        return replace(log, tracks=tracks), robot
-
-    return corrected
+    return lambda log, robot: (
+        replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, change(log.tracks.speeds))),
+        robot,
+    )
 
 
 def rounded_angles(rotation: Floats) -> tuple[float, ...]:

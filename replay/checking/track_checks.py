@@ -304,15 +304,12 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
         yield check
         return
 
-    def correction(log: Log, robot: Robot) -> tuple[Log, Robot]:
-        return replace(log, tracks=without_lag(log.tracks, lag)), robot
-
     table = mapped_table(robot, "tracks")
     size = f"{abs(lag.seconds):.2f} s {'late' if lag.seconds > 0.0 else 'early'}"
     yield check.contradicted(
         f"track speeds are stamped {size} against the gyro, ± {lag.sigma:.3f} s",
         f"add {lag.seconds:+.2f} to latency in [{table}]",
-        correction,
+        lambda log, robot: (replace(log, tracks=without_lag(log.tracks, lag)), robot),
         {f"{table}.latency": round(latency, 2)},
     )
 

@@ -43,7 +43,9 @@ BARE = re.compile(
     r"wheels?|tracks?|sprockets?|drives?|motors?|front|rear|back|mid(?:dle)?|side|measured|actual"
     r"|v|w|k?m|[cm]?m|s|ms|mps|kmh|rad|rads|deg|h|l|r|[fmrbvw][lr]|[lr][fmrb]|"
 )
-POSE_NAMES = ("x", "y", "yaw|heading|theta")  # patterns of the last word of a name
+POSE_NAMES = ("t?x", "t?y", "yaw|heading|theta")  # patterns of the last word of a name
+# Names of a file of poses that nobody measured apart from the robot's own sensors.
+ESTIMATED = re.compile(r"odom|wheel|encoder|ekf|ukf|fused|filter|estimat|predict|reckon")
 SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 ENDINGS: dict[str, TimeUnit] = {"ns": "ns", "nsec": "ns", "us": "us", "ms": "ms", "msec": "ms"}
 ENDINGS |= {"micros": "us", "millis": "ms"}
@@ -61,8 +63,9 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
     """Guess the columns of each stream; None if no table has a column of the time.
 
     A stream is taken from the first table that has it; rates and forces may be in two. Columns belong to
-    the truth if their name, or that of their table, satisfies `is_truth`. Columns of commands are
-    skipped. `time_column` is used where a table has it; a table without a time is skipped.
+    the truth if their name, or that of their table, satisfies `is_truth`, or if the table has positions
+    and no other stream, as of a total station. Columns of commands are skipped. `time_column` is used
+    where a table has it; a table without a time is skipped.
     """
     main: tuple[str, TimeUnit] | None = None
     tracks, fixes, truth = None, None, None
@@ -82,6 +85,9 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         names = [name for name in numbers if name != table_time]
         true_names = [name for name in names if is_truth(table.path.stem) or is_truth(name)]
         measured = [name for name in names if name not in true_names and not is_command(name)]
+        has_others = _tracks(measured, time, table) or imu_keys(measured) or fix_keys(measured)
+        if not has_others and not ESTIMATED.search(table.path.stem.lower()):
+            true_names += measured
         tracks = tracks or _tracks(measured, time, table)
         if tracks and tracks.yaw_rate in measured:
             measured.remove(tracks.yaw_rate)  # it is no gyro

@@ -522,7 +522,10 @@ def unit_suspicions(estimates: robot_file.LogEstimates, log: Log) -> Iterator[st
     if len(log.tracks.speeds):
         fast = float(np.percentile(np.abs(log.tracks.speeds), 99))
         if in_rates and fast > FAST_RATE and not estimates.mapping.lacks_counts_per_turn:
-            yield f"joint rates of {fast:.3g}; rad/s, or rather rpm, deg/s or counts?"
+            yield (
+                f"wheel rates of {fast:.3g} rad/s: in another unit (rpm, deg/s, counts), or of motors "
+                "before a gear (scale in [log.tracks])?"
+            )
         if not in_rates and fast > FAST_SPEED:
             yield f"track speeds of {fast:.3g}; m/s, or rather mm/s?"
     if not in_rates and ratio is not None and not 0.5 < ratio < 2.0:

@@ -528,3 +528,14 @@ def test_a_bag_and_a_trajectory_are_one_log(tmp_path: Path) -> None:
     assert are_parts([[log], [truth]], topic_map(known).columns)
     assert not are_parts([[log], [log]], topic_map(known).columns)
     assert len(read_log([log, truth], known).truth.poses.stamps) == len(rows)
+
+
+@pytest.mark.parametrize(("name", "is_truth"), [("prism", True), ("wheel_odometry", False)])
+def test_a_table_of_positions_alone_is_a_truth(tmp_path: Path, name: str, is_truth: bool) -> None:
+    """A total station writes time, x, y, z; the path of an odometry measures nothing."""
+    log = counters(tmp_path / "bag")
+    rows = np.column_stack([START * 1e-9 + SECONDS, X, Y, np.zeros_like(X)])
+    header = {"delimiter": ",", "header": "time,x,y,z", "comments": ""}
+    np.savetxt(table := tmp_path / f"{name}.csv", rows, fmt="%.9f", **header)
+    truth = inspect([log, table]).mapping.columns.truth
+    assert (truth is not None and (truth.x, truth.y) == ("x", "y")) == is_truth
