@@ -306,7 +306,7 @@ FAULTS = (
     ),
     Fault(
         "departing",
-        "rejected fixes depart from the path to one side, no faster than the robot",
+        "rejected fixes depart from the path by more and more, no faster than the robot",
         "slip, yaw and gyro bias become uncertain by what explains it; fixes are used then",
         "faults/departing_fixes.py",
         _find_departing,

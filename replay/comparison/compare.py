@@ -45,8 +45,12 @@ from icreckon.replay.comparison.fixes import (
 )
 from icreckon.replay.comparison.initial_pose import lateness, start_from_fixes, start_from_truth
 from icreckon.replay.comparison.known_bias import GYRO, KnownBias, known_bias
-from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_truth, own_alignment
-from icreckon.replay.comparison.truth_frame import in_frame_of_fixes
+from icreckon.replay.comparison.truth_alignment import (
+    TruthAlignment,
+    align_truth,
+    in_frame_of_fixes,
+    own_alignment,
+)
 
 DEFAULT_VARIANTS = tuple(VARIANTS)
 ALIGNMENT_VARIANT = "constant-online"  # variant that lag and lever arm are estimated by

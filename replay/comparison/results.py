@@ -31,7 +31,7 @@ from icreckon.replay.comparison.fixes import scored_intervals
 from icreckon.replay.comparison.holes import holes_of
 from icreckon.replay.comparison.plot_series import series_of
 from icreckon.replay.comparison.scores import differences, noise_drifts, scores, truths_of
-from icreckon.replay.comparison.truth_frame import far_fixes_note
+from icreckon.replay.comparison.truth_alignment import far_fixes_note
 
 FORMAT = 1
 ENOUGH_FIXES = 30  # number of fixes that show a correlation of successive innovations
