@@ -117,7 +117,7 @@ def departure_after(
 
 
 def are_departing(record: Any) -> bool:
-    """Return True while a filter's record has fixes that depart from the path, by more and more."""
+    """Return True while the fixes of a filter's record depart from the path."""
     size = math.hypot(record.departed_by_x, record.departed_by_y)
     return bool(record.departed_for >= DEPARTURE_TIME and size >= GROWTH * record.departed_first)
 

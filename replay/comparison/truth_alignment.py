@@ -192,7 +192,7 @@ def far_fixes_note(log: Log) -> list[str]:
 
 
 def _frame_fit(log: Log) -> _FrameFit | None:
-    """Fit of the truth to the fixes, weighted by their variances; None if there are too few."""
+    """Fit the truth to the fixes, weighted by their variances; None with too few."""
     truth, fixes = log.truth, log.fixes
     if truth is None or truth.source == OF_FIXES or fixes is None:
         return None
