@@ -18,7 +18,7 @@ import numpy as np
 from _logs import GRASS
 from _scoreboard_cells import SEED, Job, data_folder, excluded, flags, rules_disabled
 from _scoreboard_drives import robot_of
-from _scoreboard_put import BEFORE, FAST, FAULTS, MOVING, NEVER, POWER_UP, RTK, SECOND, Fault
+from _scoreboard_put import BEFORE, FAULTS, MOVING, NEVER, POWER_UP, RTK, SECOND, Fault
 from numpy.random import Generator
 
 from icreckon.estimator.base.array_types import Floats
@@ -197,7 +197,7 @@ def simulated_place(robot_name: str, index: int, when: str, fixes: str, names: l
     longest = max(FAULTS[name].lasts for name in names)
     begins = 0.0 if when == POWER_UP else BEGINS
     duration = begins + longest + LATER + 1.0
-    rate, sigma = {RTK: (5.0, 0.02), FAST: (10.0, FIX_SIGMA)}.get(fixes, (1.0, FIX_SIGMA))
+    rate, sigma = (5.0, 0.02) if fixes == RTK else (1.0, FIX_SIGMA)
     outages = {BEFORE: ((begins - 0.5, duration),), NEVER: ((0.0, duration),)}.get(fixes, ())
     scenario = Scenario(
         trajectory="random" if when == MOVING else "recorded",

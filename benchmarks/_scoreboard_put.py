@@ -16,8 +16,8 @@ from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
 
 SECOND = 1_000_000_000
 Put = Callable[[Log, int, int, Generator], Log]
-BEFORE, UNDER, RTK, FAST, NEVER = "before", "under", "RTK", "10 Hz", "never"
-"""Fixes: until the fault begins; always, 5 cm at 1 Hz; 2 cm at 5 Hz; 5 cm at 10 Hz; none."""
+BEFORE, UNDER, RTK, NEVER = "before", "under", "RTK", "never"
+"""Fixes: until the fault begins; always, 5 cm at 1 Hz; 2 cm at 5 Hz; none."""
 MOVING, RESTING, POWER_UP = "moving", "resting", "power-up"
 """When the fault begins: on the move; within a rest of 10 s; before the first drive."""
 
@@ -198,14 +198,28 @@ def off_by(distance: float) -> Put:
     return places(lambda found, _, rng: found + away(len(found), rng, distance, alike=True))
 
 
-def wandering(found: Floats, times: Floats, rng: Generator) -> Floats:
-    """Fixes that wander by 5 m, a Gauss-Markov process of 60 s that begins at zero."""
-    error, before = np.zeros((len(found), 2)), np.zeros(2)
-    for k, dt in enumerate(np.diff(times, prepend=0.0)):
-        kept = np.exp(-dt / 60.0)
-        before = kept * before + 5.0 * np.sqrt(1.0 - kept**2) * rng.standard_normal(2)
-        error[k] = before
-    return np.asarray(found + error)
+def wandering(sigma: float, time: float) -> Put:
+    """Fixes that wander by sigma [m], a Gauss-Markov process of a time [s] that begins at zero."""
+
+    def change(found: Floats, times: Floats, rng: Generator) -> Floats:
+        error, before = np.zeros((len(found), 2)), np.zeros(2)
+        for k, dt in enumerate(np.diff(times, prepend=0.0)):
+            kept = np.exp(-dt / time)
+            before = kept * before + sigma * np.sqrt(1.0 - kept**2) * rng.standard_normal(2)
+            error[k] = before
+        return np.asarray(found + error)
+
+    return places(change)
+
+
+def floating(log: Log, begin: int, end: int, rng: Generator) -> Log:
+    """RTK that floats, and says so: it wanders by 0.35 m until 5 s before the end."""
+    fixed_at = end - 5 * SECOND
+    log = wandering(0.35, 30.0)(log, begin, fixed_at, rng)
+    fixes = fixes_of(log)
+    variances = fixes.variances.copy()
+    variances[hit(fixes.stamps, begin, fixed_at), 0] = 0.35**2
+    return replace(log, fixes=replace(fixes, variances=variances))
 
 
 def more(size: float) -> Put:
@@ -260,13 +274,13 @@ FAULTS: dict[str, Fault] = {
     "IMU tilted by 10°": Fault(tilted, 20.0, real=True, goes_on=True),
     "outliers of 10 m, 30 s": Fault(places(outliers), 30.0, UNDER, real=True),
     "fixes 50 m off, 5 s": Fault(off_by(50.0), 5.0, UNDER, real=True),
-    "fixes 54 m off, 1.2 s at 10 Hz": Fault(off_by(54.0), 1.2, FAST),
-    "fixes 10 m off, 3 s, RTK": Fault(off_by(10.0), 3.0, RTK),
+    "fixes 0.3 m off, 5 s, RTK": Fault(off_by(0.3), 5.0, RTK),
+    "RTK floats for 30 s, is fixed for 5 s": Fault(floating, 35.0, RTK),
     "receiver repeats, 30 s": Fault(
         places(lambda p, *_: np.repeat(p[:1], len(p), axis=0)), 30.0, UNDER, real=True
     ),
     "fixes scatter by 0.5 m, 30 s": Fault(
         places(lambda p, _, rng: p + 0.5 * rng.standard_normal(p.shape)), 30.0, UNDER, real=True
     ),
-    "fixes wander by 5 m, 30 s": Fault(places(wandering), 30.0, UNDER, real=True),
+    "fixes wander by 5 m, 30 s": Fault(wandering(5.0, 60.0), 30.0, UNDER, real=True),
 }
