@@ -22,7 +22,7 @@ from icreckon.estimator.engine.model import (
 from icreckon.estimator.engine.step import PredictedPose, Step, StepKind
 from icreckon.estimator.faults.departing_fixes import Departure, errors_by_cause
 from icreckon.estimator.filter.ekf import LEAST_VARIANCE
-from icreckon.estimator.filter.filter_record import ALIKE, DEPARTURE
+from icreckon.estimator.filter.filter_record import ALIKE_FIXES, DEPARTURE
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
 from icreckon.estimator.tracing import trace
@@ -97,8 +97,7 @@ class _PositionFix:
 
     def __init__(self, lane: Lane, kind: FixKind) -> None:
         self.lane = lane
-        variance, mode = lane.input("fix_variance"), lane.input("fix_mode")
-        self.variance = variance
+        self.variance, mode = lane.input("fix_variance"), lane.input("fix_mode")
         self.predicted, self.rows, covariance = _antenna(lane, _predicted(lane, kind))
         x, y, yaw = self.predicted
         if s.WANDER_X in lane.shape.states:
@@ -109,7 +108,7 @@ class _PositionFix:
         self.place = lane.input("fix_x"), lane.input("fix_y")
         self.z = self.place[0] - x, self.place[1] - y
         self.noise_xy = covariance[s.X][s.Y]
-        self.R = [maximum(variance + covariance[i][i], LEAST_VARIANCE) for i in (s.X, s.Y)]
+        self.R = [maximum(self.variance + covariance[i][i], LEAST_VARIANCE) for i in (s.X, s.Y)]
         self.interval, self.heading = lane.input("fix_interval"), turn(yaw)
         self.is_tried, self.is_forced = mode > 0.5, mode > 1.5
         self.judged = self.is_tried & (mode < 1.5)
@@ -132,28 +131,33 @@ class _PositionFix:
         products = [a * b for a, b in combinations_with_replacement(moved, 2)]
         self.lane.report("motion", products, states)
 
+    def inflate_one(self, state: int, variance: Any) -> None:
+        """Inflate one state by a variance."""
+        self.lane.P.add(state, state, variance)
+        self.lane.report("inflated", (variance,), (state,))
+
     def follow_precision(self) -> None:
         """Inflate the position for a fix that is far more precise than those before.
 
-        Each of these was used as if its error were new. If all n of them have one error, as those of RTK
-        that floats, all but one are taken back: 1/P - (n - 1)/R, but no more than R.
+        These n fixes of variance R were used as if their errors were independent. RTK that floats has one
+        error: the information of all but one is taken back, 1/P - (n - 1)/R. The variance gets at most R.
         """
-        lane, (before, count) = self.lane, (self.lane.row(name) for name in ALIKE)
+        lane, (before, count) = self.lane, (self.lane.row(name) for name in ALIKE_FIXES)
         is_sharp = self.judged & (self.variance * ALIKE_TO < before)
         for axis in (s.X, s.Y):
             present = lane.P.entry(axis, axis)
             share = present / maximum(before, LEAST_VARIANCE)
             together = present / maximum(1.0 - (count - 1.0) * share, share)
-            added = select(is_sharp, maximum(together - present, 0.0), 0.0)
-            lane.P.add_error({axis: 1.0}, added)
-            lane.report("inflated", (added,), (axis,))
+            self.inflate_one(axis, select(is_sharp, maximum(together - present, 0.0), 0.0))
 
     def store_precision(self, verdict: _Verdict) -> None:
-        """Count the fixes that were used since their variance last changed by much."""
-        lane, (before, count) = self.lane, (self.lane.row(name) for name in ALIKE)
-        variance = self.variance
+        """Count the fixes that were used and stated variances alike."""
+        lane, variance = self.lane, self.variance
+        before, count = (lane.row(name) for name in ALIKE_FIXES)
         is_alike = (variance * ALIKE_TO >= before) & (variance < ALIKE_TO * before)
-        for row, value in zip(ALIKE, (variance, select(is_alike, count + 1.0, 1.0)), strict=True):
+        for row, value in zip(
+            ALIKE_FIXES, (variance, select(is_alike, count + 1.0, 1.0)), strict=True
+        ):
             lane.stores[row] = select(verdict.used, value, lane.row(row))
 
     def follow_departure(self, S: tuple[Any, Any, Any], is_off: Any) -> tuple[Departure, Any]:
@@ -202,8 +206,7 @@ class _PositionFix:
         inflation = minimum(self.square, LARGEST_INFLATION * minimum(xx, yy))
         added = select(verdict.reacquired, inflation, 0.0)
         for axis in (s.X, s.Y):
-            lane.P.add_error({axis: 1.0}, added)
-            lane.report("inflated", (added,), (axis,))
+            self.inflate_one(axis, added)
         before, considered = lane.x.copy(), lane.shape.considered
         for axis in (s.X, s.Y):
             row = self.rows[axis]

@@ -6,7 +6,7 @@ from functools import cached_property
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.model import TracedModel
-from icreckon.estimator.filter.filter_record import ALIKE, DEPARTURE
+from icreckon.estimator.filter.filter_record import ALIKE_FIXES, DEPARTURE
 from icreckon.estimator.robot.robot_file import Slip
 from icreckon.estimator.sensors.step_inputs import StepInputs
 
@@ -38,13 +38,13 @@ GATES = (*IMU_GATES, "position", "heading")
 GATE_COUNTS = ("rejected_for", "used", "rejected", "nis", "admitted")
 COUNTS = (*(f"{gate}_{count}" for gate in GATES for count in GATE_COUNTS), "standstill")
 # Values from the step before: 1 if the robot stood, the factors on the slip, the departure of fixes from
-# the path, the trend of their innovations, and the place of the antenna and the yaw before and after the
-# newest one.
+# the path, those with variances alike, the trend of their innovations, and the place of the antenna and
+# the yaw before and after the newest one.
 FACTORS = ("slip_factor", "present_factor")
 TREND = ("trend_forward", "trend_left", "trend_size")
 PLACE = ("x", "y", "yaw")
 PLACES = tuple(f"{when}_{axis}" for when in ("predicted", "updated") for axis in PLACE)
-BEFORE = ("stood", *FACTORS, *DEPARTURE, *ALIKE, *TREND, *PLACES)
+BEFORE = ("stood", *FACTORS, *DEPARTURE, *ALIKE_FIXES, *TREND, *PLACES)
 TWIST = ("v_x", "v_y", "w", "vv_xx", "vv_xy", "vv_xw", "vv_yy", "vv_yw", "vv_ww")
 
 # Innovation z and innovation covariance S of each gate, if the kernel stores them; S is 0 if the gate had

@@ -37,7 +37,7 @@ from icreckon.estimator.engine.layout import (
 )
 from icreckon.estimator.engine.model import described
 from icreckon.estimator.engine.step import StepKind, step_kernel, twist_kernel
-from icreckon.estimator.filter.filter_record import ALIKE, DEPARTURE
+from icreckon.estimator.filter.filter_record import ALIKE_FIXES, DEPARTURE
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.sensors.measurement_models import IMU_SENSORS
 from icreckon.estimator.tracing.kernel import Kernel
@@ -58,7 +58,7 @@ FIXES = {
     POSITION: ("position", FixKind(fast_slip=True)),
     POSITION_AHEAD: ("position_ahead", FixKind(fast_slip=True, ahead=True)),
 }
-OF_RECORD = (*FACTORS, *TREND, *DEPARTURE, *ALIKE)  # rows that the record of a filter holds
+OF_RECORD = (*FACTORS, *TREND, *DEPARTURE, *ALIKE_FIXES)  # rows that the record of a filter holds
 
 
 class LanePlaces(NamedTuple):

@@ -40,9 +40,7 @@ class Departure(NamedTuple):
     from_y: Any = 0.0
     by_x: Any = 0.0  # innovation of the newest fix [m]
     by_y: Any = 0.0
-    first: Any = (
-        0.0  # size of the innovation of the first rejected fix; 0 after one that is used [m]
-    )
+    first: Any = 0.0  # size of the first rejected fix's innovation; 0 after a used one [m]
 
 
 class Indicated(NamedTuple):

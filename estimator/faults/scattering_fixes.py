@@ -234,8 +234,8 @@ def measure_scatter(scatter: ScatterRecord) -> None:
 def steps_scatter(scatter: ScatterRecord, least: float) -> bool:
     """Return True if most of the newest steps of the fixes are off the path's.
 
-    The path may be turned and stretched: tried are no change, and what makes one of its steps equal to
-    the fixes'. A step is off if its squared residual is `least` times what is expected, see `steps_fit`.
+    The path may be turned and stretched so that one of its steps equals that of the fixes, or not at
+    all. A step is off if its squared residual is `least` times what is expected, see `steps_fit`.
     """
     first = max(1, scatter.laid - NEWEST_STEPS)
     if steps_fit(scatter, first, 1.0 + 0j, least):

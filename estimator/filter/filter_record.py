@@ -28,8 +28,8 @@ from icreckon.estimator.sensors.track_latency import RateRecord
 DEPARTURE = tuple(
     f"departed_{part}" for part in ("for", "from_x", "from_y", "by_x", "by_y", "first")
 )
-# Fields of the fixes that were used since their variance last changed by much.
-ALIKE = ("alike_variance", "alike_count")
+# Fields of the newest position fixes that were used and stated variances alike.
+ALIKE_FIXES = ("alike_variance", "alike_count")
 Factor = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)]  # factor on the slip
 
 
@@ -59,11 +59,9 @@ class FilterRecord(msgspec.Struct):
     departed_from_y: float = 0.0
     departed_by_x: float = 0.0  # innovation of the newest fix [m]
     departed_by_y: float = 0.0
-    departed_first: Size = (
-        0.0  # size of the innovation of the first rejected one since one was used [m]
-    )
-    alike_variance: Size = 0.0  # variance of the newest position fix that was used [m²]
-    alike_count: Size = 0.0  # number of those in a row that state one alike
+    departed_first: Size = 0.0  # size of the first rejected fix's innovation; 0 if none [m]
+    alike_variance: Size = 0.0  # variance of the newest fix that was used [m²]
+    alike_count: Size = 0.0  # number of fixes up to it that stated variances alike
     fixes: FixesRecord = msgspec.field(default_factory=FixesRecord)  # the newest position fixes
     # newest places of the position fixes and of the pose fixes
     positions: PlaceRecord = msgspec.field(default_factory=PlaceRecord)

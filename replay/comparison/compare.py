@@ -101,9 +101,9 @@ def compare(
     """Run filter variants over a log.
 
     The lag and lever arm of a logged truth (one without twists) are removed first, and it is moved to the
-    frame of the fixes if it is in another one. Runs start at the
-    truth's pose if there is one (without fixes at that by their own lever arm), to which dead reckoning
-    leads back from a late truth, otherwise at the pose from the fixes or at the origin.
+    frame of the fixes if it is in another one. Runs start at the truth's pose if there is one (without
+    fixes at that by their own lever arm), to which dead reckoning leads back from a late truth, otherwise
+    at the pose from the fixes or at the origin.
 
     A variant that is lost or raises an exception has no run; `Comparison.failed` lists it, and the others
     continue.

@@ -200,7 +200,7 @@ def _frame_fit(log: Log) -> _FrameFit | None:
     poses = true_poses_at(replace(truth, headings=True), fixes.stamps)
     antennas = poses[:, :2] + rotate(fixes.lever_arms, poses[:, 2])
     places, true = (xy[:, 0] + 1j * xy[:, 1] for xy in (fixes.poses[:, :2], antennas))
-    known = np.isfinite(places) & np.isfinite(true)
+    known = np.isfinite(places) & np.isfinite(true) & (fixes.variances[:, 0] > 0.0)
     if known.sum() < FEWEST_PLACES:
         return None
     places, true, variances = places[known], true[known], fixes.variances[known, 0]

@@ -85,10 +85,11 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         names = [name for name in numbers if name != table_time]
         true_names = [name for name in names if is_truth(table.path.stem) or is_truth(name)]
         measured = [name for name in names if name not in true_names and not is_command(name)]
-        has_others = _tracks(measured, time, table) or imu_keys(measured) or fix_keys(measured)
+        own_tracks = _tracks(measured, time, table)
+        has_others = own_tracks or imu_keys(measured) or fix_keys(measured)
         if not has_others and not ESTIMATED.search(table.path.stem.lower()):
             true_names += measured
-        tracks = tracks or _tracks(measured, time, table)
+        tracks = tracks or own_tracks
         if tracks and tracks.yaw_rate in measured:
             measured.remove(tracks.yaw_rate)  # it is no gyro
         # The last name of an axis counts: those of the first table come last.

@@ -261,11 +261,11 @@ def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
                 left, right = sides(names)
                 if left and right:
                     return TrackTopic(topic, left=left, right=right, unit=unit)
-    pair, fields = _topic_pair(surveys), _wheel_fields(surveys)
-    if pair is not None:
+    if (pair := _topic_pair(surveys)) is not None:
         return pair
-    if fields is not None and fields.are_named:
-        return fields.topic
+    by_fields, sides_of_fields = _wheel_fields(surveys) or (None, None)
+    if sides_of_fields is not None and sides_of_fields.are_named:
+        return by_fields
     candidates = [
         topic
         for topic, survey in surveys.items()
@@ -279,8 +279,7 @@ def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
 
     if candidates:
         return TrackTopic(max(candidates, key=likelihood))
-    by_number = fields.topic if fields is not None else None
-    return _driver_pair(surveys) or by_number or _twist_fields(surveys)
+    return _driver_pair(surveys) or by_fields or _twist_fields(surveys)
 
 
 def _topic_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
@@ -303,9 +302,8 @@ def _topic_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
 def _driver_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     """Guess topics of two motor drivers, of one type, by their names or their fields'."""
     by_type: dict[str, list[str]] = {}
-    for topic, survey in surveys.items():
-        if _is_special(survey) and not is_command(topic):
-            by_type.setdefault(survey.channel.msgtype, []).append(topic)
+    for topic, survey in _special(surveys):
+        by_type.setdefault(survey.channel.msgtype, []).append(topic)
     for topics in by_type.values():
         paths = _paths(surveys[topics[0]])
         fields = [path for path in paths if is_of_wheel(path)]
@@ -319,15 +317,7 @@ def _driver_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     return None
 
 
-class _Fields(NamedTuple):
-    """Topic with fields of both sides."""
-
-    topic: TrackTopic
-    are_named: bool  # whether names show the sides
-    rank: tuple[bool, ...]  # as of `Sides`
-
-
-def _wheel_fields(surveys: Mapping[str, Survey]) -> _Fields | None:
+def _wheel_fields(surveys: Mapping[str, Survey]) -> tuple[TrackTopic, Sides] | None:
     """Guess a topic with fields that are named like speeds or counts of the wheels."""
     candidates = []
     for topic, survey in surveys.items():
@@ -340,18 +330,22 @@ def _wheel_fields(surveys: Mapping[str, Survey]) -> _Fields | None:
             continue
         unit = unit_of(topic if is_array else names[found.left[0]], unknown="m/s")
         track = TrackTopic(topic, left=found.left, right=found.right)
-        candidates.append(_Fields(replace(track, **unit), found.are_named, found.rank))
-    return max(candidates, key=lambda one: one.rank, default=None)
+        candidates.append((replace(track, **unit), found))
+    return max(candidates, key=lambda one: one[1].rank, default=None)
 
 
 def _twist_fields(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     """Guess a topic with fields that are named like a robot's speed and yaw rate."""
-    for topic, survey in surveys.items():
-        if _is_special(survey) and not is_command(topic):
-            names = twist_names([*_paths(survey)])
-            if names is not None:
-                return TrackTopic(topic, speed=names[0], yaw_rate=names[1])
+    for topic, survey in _special(surveys):
+        names = twist_names([*_paths(survey)])
+        if names is not None:
+            return TrackTopic(topic, speed=names[0], yaw_rate=names[1])
     return None
+
+
+def _special(surveys: Mapping[str, Survey]) -> list[tuple[str, Survey]]:
+    """Topics that are no commands, with messages of types that are no standard ones."""
+    return [(k, one) for k, one in surveys.items() if _is_special(one) and not is_command(k)]
 
 
 def _is_special(survey: Survey) -> bool:
@@ -427,10 +421,8 @@ def _imu(surveys: Mapping[str, Survey]) -> ImuTopic | None:
         apart = (one for one in imus if one not in counts and _measures_forces(imus[one]))
         return ImuTopic(topic, None if _measures_forces(imus[topic]) else next(apart, None))
     found: list[tuple[int, str, dict[str, Any]]] = []
-    for topic, survey in surveys.items():
-        keys = (
-            imu_keys([*_paths(survey)]) if _is_special(survey) and not is_command(topic) else None
-        )
+    for topic, survey in _special(surveys):
+        keys = imu_keys([*_paths(survey)])
         if keys is not None and len(keys["angular_velocity"]) == len("xyz"):
             found.append((len(keys["linear_acceleration"]), topic, keys))
     if found:

@@ -110,6 +110,12 @@ def test_jumps_and_scatter_are_no_departure(innovations, speed):
     assert departure.time <= 1.0
 
 
+def test_a_jump_within_reach_does_not_grow_and_is_no_departure():
+    found, departure, _ = departed([(0.1, 0.3)] * 8, 0.5)
+    assert departure.time > 3.0
+    assert not any(found)
+
+
 @given(yaw=VALUES, x=VALUES, y=VALUES, ahead=st.floats(-0.5, 0.5), left=st.floats(-0.5, 0.5))
 def test_it_turns_and_moves_with_all(yaw, x, y, ahead, left):
     growing = [(k * ahead, k * left) for k in (1, 2, 3)]

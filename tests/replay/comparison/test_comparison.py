@@ -15,6 +15,7 @@ from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.robot.variants import VARIANTS as ALL_VARIANTS
 from icreckon.replay.base.colours import COLOURS
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.comparison.truth_alignment import in_frame_of_fixes
 
 VARIANTS = ["constant-fixed", "inertia-online"]
 
@@ -147,3 +148,11 @@ def test_a_truth_in_another_frame_is_moved_to_that_of_the_fixes(robot, headings)
     results = summarise(found, robot)["variants"]["inertia-online"]
     assert results["final_position_error_m"] < 0.3
     assert results["rejected"].get("position", 0) == 0
+
+
+def test_a_fix_without_variance_does_not_move_the_truth(robot: Robot) -> None:
+    log = simulate(Scenario(duration=40.0, seed=1, fix_rate=1.0), robot)
+    variances = log.fixes.variances.copy()
+    variances[0] = 0.0
+    same_frame = replace(log, fixes=replace(log.fixes, variances=variances))
+    assert in_frame_of_fixes(same_frame).truth is log.truth
