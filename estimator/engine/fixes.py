@@ -133,7 +133,7 @@ class _PositionFix:
 
     def inflate_one(self, state: int, variance: Any) -> None:
         """Inflate one state by a variance."""
-        self.lane.P.add(state, state, variance)
+        self.lane.P.add_error({state: 1.0}, variance)
         self.lane.report("inflated", (variance,), (state,))
 
     def follow_precision(self) -> None:
