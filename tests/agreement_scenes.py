@@ -121,7 +121,7 @@ def wrong_headings() -> Log:
 
 def antenna(*, turned: bool) -> Log:
     """Fixes of an antenna that is not where it claims to be."""
-    log = drive(fix_rate=5.0, antenna=(0.4, -0.3))
+    log = drive(fix_rate=5.0, antenna=(0.4, -0.3, 0.8))
     poses = log.fixes.poses.copy()
     if turned:
         turn(poses, poses)

@@ -123,7 +123,7 @@ class CFilter:
         lib.icr_start_at.argtypes = [at] + [real] * 5
         lib.icr_tracks.argtypes = [at, stamp, real, real]
         lib.icr_imu.argtypes = [at, stamp, at, at]
-        lib.icr_position.argtypes = [at, stamp] + [real] * 5
+        lib.icr_position.argtypes = [at, stamp] + [real] * 6
         lib.icr_heading.argtypes = [at, stamp, real, real]
         lib.icr_velocity.argtypes = [at, stamp] + [real] * 3
         lib.icr_zero_velocity.argtypes = [at, stamp, at]
@@ -158,7 +158,7 @@ class CFilter:
                 forces = None if force is None else self.three(*force)
                 return int(lib.icr_imu(of, m.stamp, self.three(*m.angular_velocity), forces))
             case PositionFix():
-                values = m.x, m.y, m.variance, m.forward, m.left
+                values = m.x, m.y, m.variance, m.forward, m.left, m.up
                 return int(lib.icr_position(of, m.stamp, *values))
             case HeadingFix():
                 return int(lib.icr_heading(of, m.stamp, m.yaw, m.variance))

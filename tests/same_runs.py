@@ -20,7 +20,7 @@ ROUNDING, FEW_DIGITS = 1e-8, 1e-6
 
 @cache
 def drive(
-    duration: float = 12.0, fix_rate: float = 0.0, antenna: tuple[float, float] = (0.0, 0.0)
+    duration: float = 12.0, fix_rate: float = 0.0, antenna: tuple[float, ...] = (0.0, 0.0, 0.0)
 ) -> Log:
     """A drive whose sensors sample at no regular times, none of them when another does.
 

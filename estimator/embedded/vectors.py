@@ -58,8 +58,8 @@ def values_of(measurement: Measurement) -> tuple[str, list[float]] | None:
             return "tracks", [left, right]
         case ImuSample(angular_velocity=rates, linear_acceleration=force):
             return "imu", [*rates, *(force or (float("nan"),) * 3)]
-        case PositionFix(x=x, y=y, variance=variance, forward=forward, left=left):
-            return "position", [x, y, variance, forward, left]
+        case PositionFix(x=x, y=y, variance=variance, forward=forward, left=left, up=up):
+            return "position", [x, y, variance, forward, left, up]
         case HeadingFix(yaw=yaw, variance=variance):
             return "heading", [yaw, variance]
         case BodyVelocity(v_x=v_x, v_y=v_y, variance=variance):

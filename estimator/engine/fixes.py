@@ -25,6 +25,7 @@ from icreckon.estimator.filter.ekf import LEAST_VARIANCE
 from icreckon.estimator.filter.filter_record import ALIKE_FIXES, DEPARTURE
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
+from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.kernel import Kernel
 from icreckon.estimator.tracing.trace import maximum, minimum, select
@@ -268,10 +269,15 @@ def _predicted(lane: Lane, kind: FixKind) -> PredictedPose:
 def _antenna(lane: Lane, pose: PredictedPose) -> PredictedPose:
     """Predicted position of the antenna and yaw, see `predictions.point_on_robot`."""
     values, (x_row, y_row, yaw_row), covariance = pose
-    forward, left = lane.input("fix_forward"), lane.input("fix_left")
+    lean = lane.input("fix_up") * (1.0 / GRAVITY)
+    forward = lane.input("fix_forward") + lean * lane.x[s.GRAVITY_X]
+    left = lane.input("fix_left") + lean * lane.x[s.GRAVITY_Y]
     cos, sin = turn(values[s.YAW])
     ahead, beside = cos * forward - sin * left, sin * forward + cos * left
     rows = [combined(x_row, (-beside, yaw_row)), combined(y_row, (ahead, yaw_row)), yaw_row]
+    if s.GRAVITY_X in lane.shape.states:
+        by_gravity = {s.GRAVITY_X: cos, s.GRAVITY_Y: -sin}, {s.GRAVITY_X: sin, s.GRAVITY_Y: cos}
+        rows[:2] = [combined(row, (lean, by)) for row, by in zip(rows[:2], by_gravity, strict=True)]
     by_pose = [{s.X: 1.0, s.YAW: -beside}, {s.Y: 1.0, s.YAW: ahead}, {s.YAW: 1.0}]
     # J C J' of the pose's covariance C, one row of J after another.
     with_pose = [[dot(by, dict(enumerate(row))) for row in covariance] for by in by_pose]

@@ -47,7 +47,7 @@ from icreckon.estimator.sensors.standstill import QuietReadings, is_full
 from icreckon.estimator.tracing.kernel import FLAG_BITS
 
 FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
-FORWARD, LEFT = INPUTS["fix_forward"], INPUTS["fix_left"]
+ANTENNA = [INPUTS[name] for name in ("fix_forward", "fix_left", "fix_up")]
 MODE, INTERVAL = INPUTS["fix_mode"], INPUTS["fix_interval"]
 # Rows with the innovation of a position fix, and the number of admitted ones.
 FIX_RESULTS = ("z_x", "z_y", "S_xx", "S_xy", "S_yy", "admitted")
@@ -164,7 +164,7 @@ class LaneSteps:
         self,
         stamp: int,
         fix: tuple[float, float, float],
-        antenna: tuple[float, float],
+        antenna: tuple[float, float, float],
         *,
         ahead: bool,
         mode: int,
@@ -173,9 +173,10 @@ class LaneSteps:
     ) -> tuple[TakenFix, bool, bool]:
         """Update with a position fix, which is x, y [m] and the variance of each [m²].
 
-        The antenna is forward and left in base_link [m]. With `ahead` the fix lies ahead of the estimate,
-        before the end of the next step. `mode` is one of `icreckon.estimator.filter.gate`. `interval` is
-        the time since the fix before, as the gate counts it, `rejected_for` that of rejected fixes [s].
+        The antenna is forward, left and up [m] in base_link. With `ahead` the fix lies ahead of the
+        estimate, before the end of the next step. `mode` is one of `icreckon.estimator.filter.gate`.
+        `interval` is the time since the fix before, as the gate counts it, `rejected_for` that of
+        rejected fixes [s].
 
         Returns:
             The fix; True if the gate admitted it; True if the filter is lost, for the caller to relocate.
@@ -183,7 +184,7 @@ class LaneSteps:
         inputs = self._inputs
         self._fill_move(self._records, inputs, stamp)
         inputs[[FIX_X, FIX_Y, FIX_VARIANCE], 0] = fix
-        inputs[[FORWARD, LEFT], 0] = antenna
+        inputs[ANTENNA, 0] = antenna
         inputs[[MODE, INTERVAL], 0] = mode, interval
         flags = self._step(POSITION_AHEAD if ahead else POSITION, stamp, rejected_for)
         is_lost, is_used = bool(flags & 1), bool(flags >> FLAG_BITS & 1)

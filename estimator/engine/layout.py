@@ -18,8 +18,8 @@ STEP_INPUTS = (
     *("force_x", "force_y", "now_left", "now_right"),
 )
 FIX_INPUTS = (
-    *("fix_x", "fix_y", "fix_yaw", "fix_variance", "yaw_variance", "fix_forward", "fix_left"),
-    *("fix_mode", "fix_interval", "heading_interval"),
+    *("fix_x", "fix_y", "fix_yaw", "fix_variance", "yaw_variance"),
+    *("fix_forward", "fix_left", "fix_up", "fix_mode", "fix_interval", "heading_interval"),
 )
 STEP_CONSTANTS = ("dt", "smoothing")
 SLIP_SHARES = ("share_x", "share_y", "share_w")

@@ -362,7 +362,7 @@ class Admission:
             place = measurement.x, measurement.y
             objection = _objection_to_size(place, ABSURD_DISTANCE, "absurdly far")
             if objection is None and isinstance(measurement, PositionFix):
-                lever = measurement.forward, measurement.left
+                lever = measurement.forward, measurement.left, measurement.up
                 objection = _objection_to_size(lever, ABSURD_LEVER, "absurdly far")
             if objection not in (None, NOT_FINITE):
                 return objection

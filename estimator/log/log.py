@@ -376,7 +376,7 @@ def _imu(samples: list[ImuSample]) -> ImuSeries:
 def _fixes(positions: list[PositionFix], headings: dict[int, HeadingFix]) -> FixSeries:
     """Series of fixes with the headings at their stamps; NaN for a fix without one."""
     no_heading = HeadingFix(0, np.nan, np.nan)
-    antennas = _array([(m.forward, m.left) for m in positions], 2)
+    antennas = _array([(m.forward, m.left, m.up) for m in positions], 3)
     pairs = [(m, headings.get(m.stamp, no_heading)) for m in positions]
     poses = _array([(m.x, m.y, heading.yaw) for m, heading in pairs], 3)
     variances = _array([(m.variance, heading.variance) for m, heading in pairs], 2)

@@ -73,6 +73,7 @@ class PositionFix:
         variance: variance of each coordinate [m²].
         forward: distance of the antenna ahead of `base_link` [m].
         left: distance of the antenna to the left of `base_link` [m].
+        up: height of the antenna above `base_link` [m]; on a slope it leans over by gravity's estimate.
     """
 
     stamp: int
@@ -81,6 +82,7 @@ class PositionFix:
     variance: float
     forward: float = 0.0
     left: float = 0.0
+    up: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -119,7 +119,7 @@ class FixSeries:
 
     `stamps` (n,) [ns]; `poses` (n, 3) x, y [m], yaw [rad], yaw NaN if a fix has no heading;
     `variances` (n, 2): of each coordinate [m²] and of yaw [rad²] (ignored if yaw is NaN);
-    `antennas` (n, 2): measured point in `base_link`, forward and left [m], None for its origin.
+    `antennas` (n, 3): measured point in `base_link`, forward, left and up [m], None for its origin.
     """
 
     stamps: Stamps
@@ -130,12 +130,12 @@ class FixSeries:
     def __post_init__(self) -> None:
         _check_shape("poses", self.stamps, self.poses, (3,))
         _check_shape("variances", self.stamps, self.variances, (2,))
-        _check_shape("antennas", self.stamps, self.antennas, (2,))
+        _check_shape("antennas", self.stamps, self.antennas, (3,))
 
     @property
     def lever_arms(self) -> Floats:
-        """Measured points in `base_link` (n, 2), forward and left [m]."""
-        return np.zeros((len(self.stamps), 2)) if self.antennas is None else self.antennas
+        """Measured points in `base_link` (n, 3), forward, left and up [m]."""
+        return np.zeros((len(self.stamps), 3)) if self.antennas is None else self.antennas
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,6 @@ from icreckon.estimator.sensors.held_tracks import mean_speeds
 from icreckon.estimator.sensors.imu_noise import measure_noise, measured_noise, noise_of_step
 from icreckon.estimator.sensors.imu_tilt import add_rates
 from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.estimator.sensors.measurement_models import Position
 from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, SensorModels
 from icreckon.estimator.sensors.standstill import QuietReadings
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs, track_change
@@ -171,7 +170,14 @@ class ReferenceFilter:
         lasted = lasting_slip(ekf.x.item(s.SLIP_X), heading, min(LONGEST_COUNTED, interval))
         states = np.ix_((s.X, s.Y, s.SLIP_X), (s.X, s.Y, s.SLIP_X))
         ekf.P[states] += np.outer(lasted, lasted)
-        z, H, R = Position().linearise(m, predicted)
+        place = (m.forward, m.left, m.up)
+        values, rows, noise = predictions.point_on_robot(predicted, ekf.x[s.GRAVITY], place)
+        # Only the motion ahead of the IMU correlates x and y, a little: the update omits that.
+        z, H, R = (
+            np.array((m.x, m.y)) - values[:2],
+            rows[:2],
+            noise[:2, :2] + m.variance * np.eye(2),
+        )
         nis = float(z @ np.linalg.solve(H @ ekf.P @ H.T + R, z))
         if nis > CHI_SQUARE_1E4[2]:
             raise EstimatorError(f"the fix at {m.stamp} is an outlier: its NIS is {nis:.1f}")

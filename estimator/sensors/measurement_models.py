@@ -22,7 +22,7 @@ from icreckon.estimator.log.measurements import (
     PositionFix,
     ZeroVelocity,
 )
-from icreckon.estimator.sensors.predictions import Prediction, point_on_robot
+from icreckon.estimator.sensors.predictions import Prediction
 
 # Gates have thresholds for up to this many components (`icreckon.estimator.filter.gate.CHI_SQUARE_1E4`).
 MOST_COMPONENTS = 3
@@ -100,18 +100,11 @@ class FixModel(MeasurementModel, Generic[M]):
 
 
 class Position(FixModel[PositionFix]):
-    """Position of an antenna in odom."""
+    """Position of an antenna in odom; updates are those of `Reckoning._take_position`."""
 
     name, predicts = "position", "pose"
     components = ("position_x", "position_y")
     inflated, inflated_jointly, is_place = (s.X, s.Y), True, True
-    # Its noise is isotropic; only the motion ahead of the IMU correlates x and y, a little.
-    correlated = False
-
-    def linearise(self, measurement: PositionFix, predicted: Prediction) -> Linearised:
-        """Compare x and y with those of the antenna at the predicted pose."""
-        antenna = point_on_robot(predicted, measurement.forward, measurement.left)
-        return _first_two((measurement.x, measurement.y), measurement.variance, antenna)
 
 
 class Heading(FixModel[HeadingFix]):
@@ -152,13 +145,9 @@ class BodyTwist(FixModel[BodyVelocity]):
 
     def linearise(self, measurement: BodyVelocity, predicted: Prediction) -> Linearised:
         """Compare v_x and v_y with the predicted twist."""
-        return _first_two((measurement.v_x, measurement.v_y), measurement.variance, predicted)
-
-
-def _first_two(measured: tuple[float, float], variance: float, predicted: Prediction) -> Linearised:
-    """Compare two values of one variance with the first two of a prediction."""
-    R = predicted.R[:2, :2] + variance * np.eye(2)
-    return Linearised(np.array(measured) - predicted.values[:2], predicted.H[:2], R)
+        z = np.array((measurement.v_x, measurement.v_y)) - predicted.values[:2]
+        R = predicted.R[:2, :2] + measurement.variance * np.eye(2)
+        return Linearised(z, predicted.H[:2], R)
 
 
 class Pose(FixModel[PoseFix]):

@@ -13,6 +13,7 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import rotate
+from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.motion.motion_model import TwistModel
 from icreckon.estimator.motion.propagation import step_on_se2
 
@@ -53,16 +54,22 @@ def pose_ahead(x: Floats, model: TwistModel, density: Floats, elapsed: float) ->
     return Prediction(x[s.POSE] + step, H, by_motion @ density @ by_motion.T * elapsed)
 
 
-def point_on_robot(pose: Prediction, forward: float, left: float) -> Prediction:
-    """Position of a point of the robot, at forward and left [m], by a predicted pose."""
-    if forward == 0.0 == left:
-        return pose
-    from_base = rotate(np.array([forward, left]), pose.values.item(2))
+def point_on_robot(pose: Prediction, gravity: Floats, place: tuple[float, ...]) -> Prediction:
+    """Position of a point of the robot by a predicted pose and gravity.
+
+    Args:
+        pose: pose of base_link.
+        gravity: (2,) the states forward and left [m/s²]: a point above base_link leans over by them.
+        place: the point in base_link, forward, left and up [m].
+    """
+    lean, yaw = place[2] / GRAVITY, pose.values.item(2)
+    from_base = rotate(np.array(place[:2]) + lean * gravity, yaw)
     by_pose = np.eye(3)
     by_pose[:2, 2] = -from_base[1], from_base[0]
-    values = pose.values.copy()
+    values, H = pose.values.copy(), by_pose @ pose.H
     values[:2] += from_base
-    return Prediction(values, by_pose @ pose.H, by_pose @ pose.R @ by_pose.T)
+    H[:2, s.GRAVITY] += lean * rotate(np.eye(2), yaw).T
+    return Prediction(values, H, by_pose @ pose.R @ by_pose.T)
 
 
 def twist_now(model: TwistModel) -> Prediction:

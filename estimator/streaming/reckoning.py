@@ -384,7 +384,7 @@ class Reckoning:
             self._steps.take_position,
             m.stamp,
             (m.x, m.y, variance),
-            (m.forward, m.left),
+            (m.forward, m.left, m.up),
             ahead=ahead,
             interval=interval,
             rejected_for=gate.counts.rejected_for,

@@ -7,23 +7,17 @@ from typing import Annotated
 import msgspec
 from typer import Option
 
+from icreckon.cli.common.compiling import SECONDS, by_model, compile_streaming
 from icreckon.cli.common.console import progress, say, worker_count
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.worker_processes import worker_processes
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import VARIANTS
-from icreckon.estimator.streaming.run import run
 from icreckon.estimator.tracing.kernel_cache import cache_folder, kernel_files, why_not_kept
 from icreckon.simulation.contact.of_robot import robot_remarks
 from icreckon.simulation.running import batch_engine
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 from icreckon.simulation.study.cells import expand
 from icreckon.simulation.study.plan import load_study, study_names
 
-# Kernels depend on the motion model and on what is uncertain, not on the robot.
-ROBOT = "auriga-alpha"
-SECONDS = 5.0
 MOST_WORKERS = 4  # each process takes up to half a gigabyte: unasked, no more than these
 
 
@@ -42,12 +36,8 @@ def command(
             f"{cache_folder()} cannot be written, so nothing that is compiled would be kept; set "
             "NUMBA_CACHE_DIR to a folder that can"
         )
-    # Variants of one motion model share what a streaming filter compiles.
-    models: dict[str, list[str]] = {}
-    for name, variant in VARIANTS.items():
-        models.setdefault(variant.model, []).append(name)
     # First those that compile most: one of streaming, one of studies.
-    streaming = [("streaming", *models[model]) for model in reversed(models)]
+    streaming = [("streaming", *names) for names in reversed(by_model(VARIANTS))]
     studies = [("study", name) for name in study_names()]
     tasks = [streaming[0], *studies, *streaming[1:]]
     count = min(workers or min(worker_count(None), MOST_WORKERS), len(tasks))
@@ -66,12 +56,10 @@ def command(
 
 def _compile(kind: str, *names: str) -> None:
     """Compile what filters of these variants or a study of this name need."""
-    robot = load_robot(ROBOT)
-    for name in names:
-        if kind == "study":
-            _run_study(name)
-        else:
-            run(simulate(Scenario(duration=SECONDS, fix_rate=1.0), robot), robot, name)
+    if kind == "study":
+        _run_study(*names)
+    else:
+        compile_streaming(names)
 
 
 def _run_study(name: str) -> None:

@@ -34,18 +34,19 @@ def check_antenna(log: Log, robot: Robot) -> Iterator[Check]:
         return
     if found.is_late:
         yield _latency(log, robot, found)
-    place, shift = found.place, float(np.hypot(*(found.place - places[0])))
+    place, shift = found.place, float(np.hypot(*(found.place - places[0, :2])))
     measured = Measured(shift, "m", 0.0, found.sigma)
     check = Check(name, in_file, f"{_metres(place)} ± {found.sigma:.2g}", measured=measured)
-    if not found.differs(places[0]):
+    if not found.differs(places[0, :2]):
         yield check
         return
-    moved = replace(fixes, antennas=np.tile(place, (len(fixes.stamps), 1)))
+    whole = [*place.round(2).tolist(), *places[0, 2:].tolist()]
+    moved = replace(fixes, antennas=np.tile(whole, (len(fixes.stamps), 1)))
     yield check.contradicted(
         f"the fixes are of a point {shift:.2f} m from the file's: with fixes, poses are as far off",
-        f"position = [{place[0]:.2f}, {place[1]:.2f}] in [log.fixes]",
+        f"position = {whole} in [log.fixes]",
         lambda log, robot: (replace(log, fixes=moved), robot),
-        {f"{mapped_table(robot, 'fixes')}.position": place.round(2).tolist()},
+        {f"{mapped_table(robot, 'fixes')}.position": whole},
     )
 
 

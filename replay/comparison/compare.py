@@ -1,25 +1,17 @@
 """Comparison of several filter variants over one log."""
 
 import math
-import multiprocessing
-import pickle
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import zip_longest
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, ClassVar, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import IcreckonError
-from icreckon.estimator.base.worker_processes import worker_processes
-from icreckon.estimator.filter.fault_table import OWN_FAULTS
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.log.scores import interpolate_poses
@@ -33,7 +25,6 @@ from icreckon.estimator.streaming.lost import LostFilter, described, loss_of
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.run import run
 from icreckon.estimator.streaming.smoother import smooth as smooth_run
-from icreckon.estimator.tracing.kernel_cache import kernel_files
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.fixes import (
     OF_FIXES,
@@ -54,11 +45,6 @@ from icreckon.replay.comparison.truth_alignment import (
 
 DEFAULT_VARIANTS = tuple(VARIANTS)
 ALIGNMENT_VARIANT = "constant-online"  # variant that lag and lever arm are estimated by
-POLL_SECONDS = 0.2
-# Measurements of all variants together from which processes pay off, if the kernels are compiled: one
-# process runs through these in the time in which two start.
-MANY_MEASUREMENTS = 700_000
-SMOOTHING_COST = 3  # time of filtering and smoothing over that of filtering alone
 
 Progress = Callable[[float], None]
 # Run of a variant, with the smoothed one if requested; instead of a run, the failure.
@@ -119,7 +105,7 @@ def compare(
         fixes: part of the log in which fixes are used, as "0:40%" or "12:90" (seconds), or from
             `parse_part`; None for all logged fixes. Without a truth, the others are scored against.
         smooth: whether each run is smoothed, too, see `icreckon.estimator.streaming.smoother`.
-        workers: number of processes for the variants; 1 runs them in this one.
+        workers: number of threads for the variants; 1 runs them in this one.
         progress: called periodically with the share that is done, 0 to 1.
 
     Raises:
@@ -299,67 +285,24 @@ class _Task:
 def _outcomes(
     task: _Task, variants: Sequence[str], workers: int, progress: Progress
 ) -> list[Outcome]:
-    """Run the variants, in processes if that pays off, or one by one."""
-    # Worker processes do not know faults that a user registered here.
-    in_processes = workers > 1 and len(variants) > 1 and not OWN_FAULTS
-    if in_processes and _processes_pay_off(task, len(variants)):
-        return _in_processes(task, variants, workers, progress)
+    """Run the variants, in threads if there are several workers."""
+    shares = [0.0] * len(variants)
 
-    def progress_of(index: int) -> Progress:
-        return lambda done: progress((index + done) / len(variants))
+    def outcome(index: int) -> Outcome:
+        def report(share: float) -> None:
+            shares[index] = share
+            progress(sum(shares) / len(shares))
 
-    return [task.run(variant, progress_of(index)) for index, variant in enumerate(variants)]
+        found = task.run(variants[index], report)
+        report(1.0)
+        return found
 
-
-def _processes_pay_off(task: _Task, variants: int) -> bool:
-    """Report whether the work is large or the kernels are not yet compiled."""
-    log = task.log
-    count = len(log.tracks.stamps) + (0 if log.imu is None else len(log.imu.stamps))
-    work = variants * count * (SMOOTHING_COST if task.smooth else 1)
-    return work >= MANY_MEASUREMENTS or not kernel_files()
-
-
-class _Worker:
-    """State of a worker process, set by its initialiser `begin`."""
-
-    task: ClassVar[_Task]
-    slots: ClassVar[Any]  # shared array: share that is done of each variant
-
-    @classmethod
-    def begin(cls, task: Path, slots: Any) -> None:
-        cls.task = pickle.loads(task.read_bytes())  # noqa: S301 - this process wrote it
-        cls.slots = slots
-
-    @classmethod
-    def work(cls, index: int, variant: str) -> Outcome:
-        def report(done: float) -> None:
-            cls.slots[index] = done
-
-        return cls.task.run(variant, report)
-
-
-def _in_processes(
-    task: _Task, variants: Sequence[str], workers: int, progress: Progress
-) -> list[Outcome]:
-    """Run the variants in processes; report the mean of the progress of each."""
-    context = multiprocessing.get_context("spawn")
-    slots: Any = context.Array("d", len(variants))  # share that is done of each variant
-    count = min(workers, len(variants))
-    with ExitStack() as stack:
-        # Passed in a file: with a large argument, this process would wait forever for a dead worker.
-        path = Path(stack.enter_context(TemporaryDirectory())) / "task"
-        path.write_bytes(pickle.dumps(task))
-        pool = stack.enter_context(worker_processes(count, _Worker.begin, (path, slots)))
-        try:
-            futures = [pool.submit(_Worker.work, *job) for job in enumerate(variants)]
-            waiting = set(futures)
-            while waiting:
-                _, waiting = wait(waiting, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
-                shares = (1.0 if future.done() else slots[i] for i, future in enumerate(futures))
-                progress(sum(shares) / len(futures))
-            return [future.result() for future in futures]
-        except BrokenProcessPool:
-            raise ReplayError(
-                'a worker process ended; a script that uses several needs `if __name__ == "__main__":` '
-                "around its commands, else workers=1 (--workers 1) needs none"
-            ) from None
+    indices = range(len(variants))
+    if workers == 1 or len(variants) == 1:
+        return [outcome(index) for index in indices]
+    pool = ThreadPoolExecutor(workers, "variant")
+    try:
+        return [*pool.map(outcome, indices)]
+    finally:
+        # After an interrupt, for one, nothing waits for runs whose result nobody takes.
+        pool.shutdown(wait=False, cancel_futures=True)

@@ -75,7 +75,7 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
         return EXACT_ORIGIN
     poses = interpolate_poses(path, fixes.stamps[used])
     # Positions (n, 2) of the antenna by dead reckoning from the origin, and by the fixes.
-    reckoned = poses[:, :2] + rotate(fixes.lever_arms[used], poses[:, 2])
+    reckoned = poses[:, :2] + rotate(fixes.lever_arms[used, :2], poses[:, 2])
     measured = fixes.poses[used, :2]
     sigma = wander.at_start(white_sigma)
     start = _start_by_path(reckoned, measured, white_sigma, wander)

@@ -77,7 +77,7 @@ def compare_many(
         settings: settings of the pose estimator.
         fixes: part of each log in which fixes are used, as for `compare`.
         smooth: whether each run is smoothed, too.
-        workers: number of processes for the variants of a log.
+        workers: number of threads for the variants of a log.
         on_comparison: called with labels and runs of each log and robot.
 
     Returns:

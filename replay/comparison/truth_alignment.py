@@ -198,7 +198,7 @@ def _frame_fit(log: Log) -> _FrameFit | None:
         return None
     # The yaw may be one that was found.
     poses = true_poses_at(replace(truth, headings=True), fixes.stamps)
-    antennas = poses[:, :2] + rotate(fixes.lever_arms, poses[:, 2])
+    antennas = poses[:, :2] + rotate(fixes.lever_arms[:, :2], poses[:, 2])
     places, true = (xy[:, 0] + 1j * xy[:, 1] for xy in (fixes.poses[:, :2], antennas))
     known = np.isfinite(places) & np.isfinite(true) & (fixes.variances[:, 0] > 0.0)
     if known.sum() < FEWEST_PLACES:

@@ -97,8 +97,7 @@ def _with_antenna(topics: TopicMap, log: Log) -> TopicMap:
     if len(antennas) > 1:
         problem = f"fixes of antennas at {antennas} m; a bag holds fixes of one, drop the others"
         raise ReplayError(f"{log.name}: {problem}")
-    forward, left = antennas[0]
-    fixes = msgspec.structs.replace(topics.fixes, position=(forward, left))
+    fixes = msgspec.structs.replace(topics.fixes, position=tuple(antennas[0]))
     return msgspec.structs.replace(topics, fixes=fixes)
 
 

@@ -124,8 +124,8 @@ def inspect(
             notes.append(f"no column looks like a time, not used: {', '.join(timeless)}")
     mounts = static_frames.static_mounts(surveys.values())
     if mapping.fixes is not None and mapping.fixes.topic in mounts:
-        x, y, _ = mounts[mapping.fixes.topic].position.tolist()
-        mapping = replace(mapping, fixes=replace(mapping.fixes, position=(x, y)))
+        place = tuple(mounts[mapping.fixes.topic].position.tolist())
+        mapping = replace(mapping, fixes=replace(mapping.fixes, position=place))
     mapping = _with_keys(mapping, sizes.log)
     imu_topic = mapping.imu.topic if mapping.imu else ""
     findings = static_frames.unplaced(surveys.values(), mounts, imu_topic)

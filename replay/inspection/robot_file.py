@@ -352,7 +352,7 @@ def _named(topic: Any, keys: Sequence[str]) -> list[str]:
     return [f"{key} = {toml_value(value)}" for key in keys if (value := getattr(topic, key))]
 
 
-def _fit_lines(fit: FixFit | None, known: tuple[float, float]) -> list[str]:
+def _fit_lines(fit: FixFit | None, known: tuple[float, ...]) -> list[str]:
     """Keys of the fixes: their lag, and the place of the antenna if it is not known."""
     lines = []
     if fit is not None and fit.differs(np.zeros(2)) and not any(known):
@@ -429,7 +429,7 @@ def _column_lines(
         omitted |= set() if getattr(stream, "yaw", "") else {"yaw_unit"}
         for name in stream.__struct_fields__:
             value = getattr(stream, name)
-            if name in omitted or value in (None, (), "", 0.0, (0.0, 0.0)):
+            if name in omitted or value in (None, (), "", 0.0, (0.0, 0.0, 0.0)):
                 continue
             text = "nan" if name == "counts_per_turn" else toml_value(value)
             text = repr(value) if name.startswith("clock_") else text  # all of its digits

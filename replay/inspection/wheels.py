@@ -394,7 +394,7 @@ def heading_offset(log: Log, antenna: Floats | None = None) -> HeadingOffset | N
     yaws = np.unwrap([heading.yaw for heading in headings])
     if log.fixes is None:
         return _mean_offset(stamps, yaws, *_true_yaws(log, stamps))
-    arms = log.fixes.lever_arms if antenna is None else np.tile(antenna, (len(log.fixes.stamps), 1))
+    arms = log.fixes.lever_arms[:, :2] if antenna is None else antenna
     at_fixes, found = np.interp(log.fixes.stamps, stamps, yaws), None
     # The middle of the robot drives to where it heads; where it is depends on the heading itself.
     for _ in range(HEADING_ROUNDS):

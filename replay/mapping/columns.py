@@ -206,7 +206,7 @@ class PoseKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         wander_time: its correlation time [s].
         origin: latitude, longitude [deg], altitude [m] of the origin of geodetic fixes; the first fix if
             left out.
-        position: the antenna or other measured point in base_link, forward and left [m]; of fixes only.
+        position: the antenna or other measured point in base_link, forward, left, up [m]; of fixes only.
         latency: latency of the stamps, subtracted from them [s].
     """
 
@@ -225,13 +225,15 @@ class PoseKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     wander_sigma: WanderSigma = 0.0
     wander_time: WanderTime = 0.0
     origin: tuple[float, float, float] | None = None
-    position: tuple[OnRobot, OnRobot] = (0.0, 0.0)
+    position: tuple[OnRobot, ...] = (0.0, 0.0, 0.0)
     latency: Latency = 0.0
 
     def __post_init__(self) -> None:
         check_bounds(self)
         require_wander("wander_sigma", self.wander_sigma, "wander_time", self.wander_time)
         check_origin(self.origin)
+        if len(self.position) not in (2, 3):
+            raise ValueError(f"position must be forward, left and up [m], found {self.position}")
 
     @property
     def names(self) -> tuple[str, ...]:

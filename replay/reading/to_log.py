@@ -293,7 +293,8 @@ class _Assembly:
         if not keep.any():
             return None
         self._heights = conversions.fix_heights(stamps[keep], heights[keep], spec)
-        antennas = np.tile(spec.position, (int(keep.sum()), 1)) if any(spec.position) else None
+        place = (*spec.position, 0.0)[:3]
+        antennas = np.tile(place, (int(keep.sum()), 1)) if any(place) else None
         return series.FixSeries(stamps[keep], poses[keep], variances[keep], antennas)
 
     def _geodetic(

@@ -5,12 +5,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from icreckon.cli.common.compiling import compile_side_by_side
 from icreckon.cli.common.console import progress, show, worker_count, working
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot, robot_names
 from icreckon.estimator.robot.variants import find_variant
-from icreckon.estimator.tracing.kernel_cache import warn_unless_kept
+from icreckon.estimator.tracing.kernel_cache import kernel_files, warn_unless_kept
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, compare
 from icreckon.replay.comparison.fixes import LogPart
@@ -56,6 +57,8 @@ def compare_and_write(
     variants = variants or [*DEFAULT_VARIANTS]
     with progress(title, compiles=kernels_of(variants)) as report:
         count = worker_count(workers)
+        if count > 1 and not kernel_files():
+            compile_side_by_side(variants, count)
         comparison = compare(
             log, robot, variants, fixes=fixes, smooth=smooth, workers=count, progress=report
         )

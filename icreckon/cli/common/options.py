@@ -83,4 +83,4 @@ Out = Annotated[Path | None, Option(help="Folder for the results (default: a new
 Json = Annotated[bool, Option("--json", help="Print JSON instead of text.")]
 Wide = Annotated[bool, Option("--wide", help="Show all columns, however narrow the terminal is.")]
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace what icreckon wrote there before.")]
-Workers = Annotated[int | None, Option(min=1, help="Processes (default: one for each core).")]
+Workers = Annotated[int | None, Option(min=1, help="Threads (default: one for each core).")]

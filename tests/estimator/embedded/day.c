@@ -53,7 +53,7 @@ int main(int argc, char **argv)
         icr_imu(&filter, stamp, w, a);
         if (k % 20 == 10 && in_six < 1800.0) {
             icr_position(&filter, stamp + 1000000, (icr_real)(x + 0.05 * noise()),
-                         (icr_real)(y + 0.05 * noise()), (icr_real)0.0025, 0, 0);
+                         (icr_real)(y + 0.05 * noise()), (icr_real)0.0025, 0, 0, 0);
         }
         if (k % 12000 == 11999) {
             printf("%lld,%u", (long long)stamp, (unsigned)icr_health_of(&filter));

@@ -65,7 +65,7 @@ int main(int argc, char **argv)
         } else if (k % 200 == 1) {
             result = icr_position(&filter, stamp, value((double)k * 1e-3 + symmetric(1.0), 10.0 * share),
                                   value(symmetric(1.0), 10.0 * share), value(0.01, 10.0 * share),
-                                  value(0.2, share), value(0.1, share));
+                                  value(0.2, share), value(0.1, share), value(0.4, share));
         } else if (k % 200 == 51) {
             result = icr_heading(&filter, stamp, value(symmetric(3.0), 10.0 * share), value(0.01, 10.0 * share));
         } else if (k % 200 == 101) {

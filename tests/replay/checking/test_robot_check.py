@@ -211,9 +211,9 @@ def test_an_antenna_that_is_elsewhere_is_named() -> None:
     (found,) = [one for one in check_robot(replace(log, fixes=late), MAPPED) if one.problem]
     assert found.settings["log.fixes.latency"] == pytest.approx(0.3, abs=0.1)
     assert problems(*found.correction(replace(log, fixes=late), MAPPED)) == {}
-    wrong = replace(log.fixes, antennas=np.tile([0.9, 0.0], (len(log.fixes.stamps), 1)))
+    wrong = replace(log.fixes, antennas=np.tile([0.9, 0.0, 0.4], (len(log.fixes.stamps), 1)))
     (found,) = [one for one in check_robot(replace(log, fixes=wrong), MAPPED) if one.problem]
-    assert found.settings["log.fixes.position"] == pytest.approx([0.0, 0.0], abs=0.2)
+    assert found.settings["log.fixes.position"] == pytest.approx([0.0, 0.0, 0.4], abs=0.2)
     assert problems(*found.correction(replace(log, fixes=wrong), MAPPED)) == {}
 
 
@@ -241,7 +241,7 @@ def test_a_heading_off_the_direction_of_driving_is_named(backward: bool) -> None
     # An antenna ahead drives other courses than the robot in bends.
     at_fixes = interpolate_poses(poses, drives.fixes.stamps)[:, 2] + np.pi * backward
     places = drives.fixes.poses + np.column_stack([rotate((1.0, 0.0), at_fixes), 0.0 * at_fixes])
-    antennas = np.tile([1.0, 0.0], (len(places), 1))
+    antennas = np.tile([1.0, 0.0, 0.0], (len(places), 1))
     ahead = replace(right, fixes=replace(drives.fixes, poses=places, antennas=antennas))
     assert heading_offset(ahead).value == pytest.approx(heading_offset(right).value, abs=0.5)
     wrong = headed(lambda _: -0.5 * np.pi)

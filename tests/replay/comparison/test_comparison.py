@@ -1,7 +1,5 @@
-"""Variants side by side: here or in processes, with the same result."""
+"""Variants side by side: here or in threads, with the same result."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -57,25 +55,6 @@ def test_smoothed_runs_come_behind_the_others_and_are_not_compared_with_them(rob
     assert of_smoother["rmse_v_y_m_s"] < of_filter["rmse_v_y_m_s"]
     blind = Comparison(replace(log, truth=None), comparison.runs, None)
     assert summarise(blind, robot)["reference_variant"] == VARIANTS[-1]
-
-
-@pytest.mark.thorough
-def test_a_script_that_workers_cannot_import_ends_with_a_line(tmp_path: Path) -> None:
-    """Without a main guard each worker runs the script again, and dies; nothing hangs."""
-    script = tmp_path / "script.py"
-    script.write_text(
-        "from icreckon import Scenario, compare, load_robot, simulate\n"
-        "from icreckon.replay.comparison import compare as comparing\n"
-        "comparing._processes_pay_off = lambda *_: True\n"
-        "robot = load_robot('auriga-alpha')\n"
-        "log = simulate(Scenario(duration=10.0), robot)\n"
-        "compare(log, robot, ('gyro', 'constant-fixed'), workers=2)\n",
-        encoding="utf-8",
-    )
-    command = [sys.executable, script]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 1
-    assert 'needs `if __name__ == "__main__":`' in done.stderr.splitlines()[-1]
 
 
 @pytest.fixture(scope="module")

@@ -67,7 +67,7 @@ def test_fixes_of_an_antenna_in_another_frame(log: Log, robot: Robot) -> None:
     poses = log.fixes.poses.copy()
     poses[:, :2] += rotate(np.tile(antenna, (len(yaw), 1)), yaw)
     elsewhere = moved(replace(log, fixes=replace(log.fixes, poses=poses)), 20.0, -8.0, 2.0)
-    known = np.tile(antenna, (len(yaw), 1))
+    known = np.tile([*antenna, 0.6], (len(yaw), 1))
     found = start(replace(elsewhere, fixes=replace(elsewhere.fixes, antennas=known)), robot)
     off = np.array(found.pose) - [20.0, -8.0, 2.0 + log.truth.poses.poses[0, 2]]
     assert (np.abs(off) < 3.0 * np.array(found.sigma)).all()

@@ -58,7 +58,7 @@ def test_a_log_comes_back_as_it_was_written(tmp_path: Path, form, name) -> None:
 @pytest.mark.parametrize("name", ["auriga-alpha", "warthog"])
 def test_fixes_of_an_antenna_come_back_as_such(tmp_path: Path, name: str) -> None:
     robot, log = load_robot(name), make_log(1.0)
-    antennas = np.tile([0.4, -0.1], (len(log.fixes.stamps), 1))
+    antennas = np.tile([0.4, -0.1, 0.3], (len(log.fixes.stamps), 1))
     log = replace(log, fixes=replace(log.fixes, antennas=antennas))
     found = read_log(write_log(log, tmp_path / "bag", "mcap", robot), robot)
     np.testing.assert_array_equal(found.fixes.lever_arms, antennas)

@@ -40,7 +40,7 @@ int main(void)
         total += spent;
         most = spent > most ? spent : most;
         if (k % 100 == 50) {
-            icr_position(&filter, stamp, (icr_real)0.1, 0, 1, (icr_real)0.2, 0);
+            icr_position(&filter, stamp, (icr_real)0.1, 0, 1, (icr_real)0.2, 0, 0);
             icr_heading(&filter, stamp, 0, 1);
             (void)icr_twist_of(&filter);
             (void)icr_health_of(&filter);
