@@ -247,16 +247,21 @@ class Step:
         """
         lane, now = self.lane, self.model
         variance = lane.P.entry(s.GYRO_BIAS, s.GYRO_BIAS)
-        variance = variance + self.noise.gyro / lane.constant("standstill_duration")
-        mean = select(self.stands, lane.input("quiet_mean"), lane.x[s.GYRO_BIAS])
+        creep = lane.input("creep_density")
+        variance = variance + (self.noise.gyro + creep) / lane.constant("standstill_duration")
         times = lane.input("rest_time"), lane.input("drive_time")
+        # Else the robot goes on standing, with a mean that is as before or has just begun to change.
+        is_new = self.stands & (times[0] + times[1] >= lane.constant("standstill_duration"))
+        mean = select(is_new, lane.input("quiet_mean"), lane.x[s.GYRO_BIAS])
         lane.add_doubt(*model.bias_change(mean - lane.x[s.GYRO_BIAS], variance, *times))
         before = lane.x.copy()
-        for axis, variance in enumerate(STANDSTILL_VARIANCE):
+        creeps = 0.0, 0.0, creep / lane.constant("interval")
+        for axis, (still, creeping) in enumerate(zip(STANDSTILL_VARIANCE, creeps, strict=True)):
             row = now.rows[axis]
             z = -now.twist[axis] - shift_of(row, lane.x, before)
             part = (1.0, self.regressors[axis])
-            lane.update(z, row, variance, part, fixed=lane.fixed_for_gyro, only=self.stands)
+            R = still + creeping
+            lane.update(z, row, R, part, fixed=lane.fixed_for_gyro, only=self.stands)
         stands = trace.truth_as_number(self.stands)
         lane.stores["standstill"] = lane.row("standstill") + stands
         lane.stores["stood"] = stands

@@ -26,9 +26,9 @@ OfOther = Annotated[list[float], msgspec.Meta(min_length=OTHER_READINGS, max_len
 class Repeating(msgspec.Struct):
     """Repetition record of one track's readings."""
 
-    reading: float = 0.0  # newest reading [m/s]
-    since: Stamp = NEVER  # stamp of the first of the consecutive samples with this reading [ns]
+    since: Stamp = NEVER  # stamp of the first of the consecutive samples with this `reading` [ns]
     newest: Stamp = NEVER  # stamp of the last of them [ns]
+    reading: float = 0.0  # newest reading [m/s]
     changes: Count = 0  # number of changes of the reading, at most `OWN_READINGS`
     longest: Size = 0.0  # longest time of one reading while moving and not stuck [s]
     # number of distinct readings of the other track since then, at most `OTHER_READINGS`

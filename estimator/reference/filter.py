@@ -131,7 +131,9 @@ class ReferenceFilter:
         # Update with what the IMU shows of it: standstill, yaw rate, specific force.
         if record.stands:
             twist = self._twist(m.stamp)
-            self._update(-twist.twist, twist.jacobian, STANDSTILL_VARIANCE)
+            v_x, v_y, w = STANDSTILL_VARIANCE
+            w += self._inputs(m.stamp).creep_density / record.imu.interval
+            self._update(-twist.twist, twist.jacobian, (v_x, v_y, w))
         inputs, x = self._inputs(m.stamp), ekf.x.copy()
         at = StepTwist(self._twist(m.stamp), x, record.imu.interval, track_change(inputs), noise)
         # The slip stands in for parameters and gravity, which the gyro does not move: so the estimated

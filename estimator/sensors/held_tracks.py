@@ -8,7 +8,7 @@ import math
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, Count, Interval, Stamp
+from icreckon.estimator.base.records import NEVER, Count, Interval, Size, Stamp
 from icreckon.estimator.faults.failed_gyro import GyroRecord, watch_gyro
 from icreckon.estimator.faults.odd_wheels import WheelsRecord
 from icreckon.estimator.faults.sliding_robot import SlideRecord, watch_slide
@@ -33,12 +33,17 @@ from icreckon.estimator.faults.stuck_tracks import (
 )
 from icreckon.estimator.log.measurements import Vector3
 from icreckon.estimator.sensors.imu_clock import Clocked
+from icreckon.estimator.sensors.imu_noise import DIFFERENCE_VARIANCE, SIGMA_OVER_MEAN_SIZE
 from icreckon.estimator.sensors.input_settings import InputSettings
 
 ACCELERATION_AVERAGING = 0.05  # time over which the change of the track speeds is averaged [s]
 SMOOTHING = 0.2  # time constant of the smoothed speeds [s]
 DYING_AWAY = 2.0  # time constant with which stale speeds decay [s]
 USUAL_TRACK_INTERVAL = 0.02  # assumed interval before it is measured [s]
+# The file's noise counts while the measured density is at most this many times as large.
+MORE_NOISE = 6.25
+NOISE_MEMORY = 30.0  # time of driving that the measured noise is a mean over [s]
+NOISE_FREE = 50  # number of differences without noise that it begins with: a start is a jump
 
 
 class TrackRecord(msgspec.Struct):
@@ -61,6 +66,10 @@ class TrackRecord(msgspec.Struct):
     spin: SpinRecord = msgspec.field(default_factory=SpinRecord)
     forward: SlideRecord = msgspec.field(default_factory=SlideRecord)
     gyro: GyroRecord = msgspec.field(default_factory=GyroRecord)
+    change: float = 0.0  # of right speed less left, since the sample before [m/s]
+    noise: Size = 0.0  # mean size of its differences, as a noise density [m/s/√Hz]
+    run: Count = 0  # number of samples since the newest gap
+    driven: Count = NOISE_FREE  # number of differences in `noise`
     stuck: Count = 0  # number of times that a track's sensor was found stuck
     counted_from: Stamp = NEVER  # estimate from which distances are counted [ns], or NEVER
     ahead_left: float = 0.0  # distance of the left track from then to the newest sample [m]
@@ -94,7 +103,8 @@ def take_tracks(
     left_sticks = repeating_after(repeating[0], stamp, left, right, settings.hold)
     right_sticks = repeating_after(repeating[1], stamp, right, left, settings.hold)
     newly_frozen = not was_frozen and frozen_from(*repeating, settings.track_speed) != NEVER
-    spin = held.spin
+    spin, rests = held.spin, left == 0.0 == right
+    change = right - left - (spin.right - spin.left)
     spin.left, spin.right = left, right
     left, right = assumed_speeds(spin, stamp, left, right)
     hold, weight = settings.hold, 1.0
@@ -107,13 +117,29 @@ def take_tracks(
         a_l, a_r = held.acceleration_left, held.acceleration_right
         held.acceleration_left = a_l + rate * (left - held.left - a_l * interval)
         held.acceleration_right = a_r + rate * (right - held.right - a_r * interval)
+        held.run += 1
     else:
         held.acceleration_left = held.acceleration_right = 0.0
+        held.run = 1
+    measure_track_noise(held, change, interval, rests)
     held.smooth_left += weight * (left - held.smooth_left)
     held.smooth_right += weight * (right - held.smooth_right)
     held.stamp, held.left, held.right = stamp, left, right
     # Frozen: both sensors repeat one reading at the same time.
     held.stuck += left_sticks + right_sticks + 2 * newly_frozen
+
+
+def measure_track_noise(held: TrackRecord, change: float, interval: float, rests: bool) -> None:
+    """Add a change of right speed less left [m/s] over an interval [s] to the noise.
+
+    Second differences cancel accelerations. At rest encoders have no noise.
+    """
+    size = abs(change - held.change) * math.sqrt(interval / DIFFERENCE_VARIANCE)
+    held.change = change
+    if held.run < 3 or rests:
+        return
+    held.driven += 1
+    held.noise += max(1.0 / held.driven, interval / NOISE_MEMORY) * (size - held.noise)
 
 
 def take_motion(
@@ -229,6 +255,15 @@ def mean_speeds(held: TrackRecord, start: int, end: int, hold_ns: int) -> Vector
     dt, rest_s = (end - start) * NANOSECOND, (end - known_until) * NANOSECOND
     rest_s *= mean_decay(held, known_until, end, hold_ns)
     return (left + rest_s * held.left) / dt, (right + rest_s * held.right) / dt, behind / dt
+
+
+def coarse_density(held: TrackRecord, settings: InputSettings) -> float:
+    """Error density of each track's speed by coarse encoders, beyond the file's noise [m²/s].
+
+    It is zero unless the measured noise is clearly larger than that of the file.
+    """
+    measured = SIGMA_OVER_MEAN_SIZE * held.noise
+    return max(0.0, 0.5 * measured * measured - MORE_NOISE * settings.track_density)
 
 
 def gap_density(held: TrackRecord, start: int, end: int, settings: InputSettings) -> float:

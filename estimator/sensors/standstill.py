@@ -28,6 +28,9 @@ SLOW_TURN = 0.5  # a slow turn is this share of a bias that changed, at one stan
 # stops rocks for a moment.
 ROCKING_TIME = 1.0
 CARRIED_SPEED = 0.5  # standard deviation of the speed of a carried robot [m/s]
+# Time for which the mean differs before it is a bias that changed at rest [s]: a robot begins to turn
+# sooner, before coarse encoders count.
+LASTING = 2.0
 
 
 class StandstillRecord(msgspec.Struct):
@@ -39,10 +42,12 @@ class StandstillRecord(msgspec.Struct):
     restless_since: Stamp = NEVER  # stamp since which readings at rest are not quiet [ns], or NEVER
     carried_since: Stamp = NEVER  # stamp from which on the robot is carried [ns], or NEVER
     carries: int = 0  # number of times that it was carried
+    steady_mean: float = 0.0  # mean since the robot stands, until another one lasts [rad/s]
     quiet_at: Stamp = NEVER  # stamp of the newest reading at which the robot stood [ns], or NEVER
     quiet_mean: float = 0.0  # mean of the readings then [rad/s]
     mean_before: float = 0.0  # the same at the end of the rest before [rad/s]
     changed_at: Stamp = NEVER  # stamp since which it differs from `mean_before` [ns], or NEVER
+    moved_at: Stamp = NEVER  # stamp since which it differs from `steady_mean` [ns], or NEVER
     rest_time: float = 0.0  # time at rest before the newest quiet reading [s]
     drive_time: float = 0.0  # time of driving since the last standstill [s]; 0 without one
 
@@ -125,6 +130,7 @@ def quiet_mean(
     mean_sigma = max(of_file, noise) / math.sqrt(settings.duration_ns * NANOSECOND)
     by_noise = SIGMAS_OF_MEAN * math.sqrt(2.0) * mean_sigma
     add_quiet(still, stamp, mean, settings.usual_change + by_noise)
+    follow_mean(still, stamp, by_noise, settings)
     return mean
 
 
@@ -165,6 +171,28 @@ def add_quiet(still: StandstillRecord, stamp: int, mean: float, usual_change: fl
         still.changed_at = stamp
 
 
+def follow_mean(
+    still: StandstillRecord, stamp: int, by_noise: float, settings: InputSettings
+) -> None:
+    """Follow the quiet mean since the robot stands; beyond `by_noise` [rad/s] it differs.
+
+    Where that lasts, the bias changed at rest: the time of it is set as `rest_time`. A robot that
+    has just stopped has a new mean.
+    """
+    is_new = still.rest_time + still.drive_time >= settings.duration_ns * NANOSECOND
+    if not is_new and abs(still.quiet_mean - still.steady_mean) > by_noise:
+        if still.moved_at == NEVER:
+            still.moved_at = stamp
+        moved_time = (stamp - still.moved_at) * NANOSECOND
+        if moved_time < LASTING:
+            return
+        still.rest_time = moved_time
+        is_new = True
+    still.moved_at = NEVER
+    if is_new:
+        still.steady_mean = still.quiet_mean
+
+
 def add_restless(still: StandstillRecord, stamp: int) -> None:
     """Add a stamp [ns] of unrest with resting tracks; a robot is carried if it lasts."""
     if still.restless_since == NEVER:
@@ -200,6 +228,17 @@ def turn_density(still: StandstillRecord, start: int, end: int) -> float:
         return 0.0
     rate, since = SLOW_TURN * (still.quiet_mean - still.mean_before), still.changed_at
     return rate * rate * max(0.0, (start - since + end - since) * NANOSECOND)
+
+
+def creep_density(coarse: float, interval: float, settings: InputSettings) -> float:
+    """Density of the yaw rate at rest that coarse encoders hide [rad²/s].
+
+    Each track may move by less than a count, which an error density [m²/s] and an interval [s] show.
+    """
+    # Readings of an encoder have a variance of a sixth of a count's square; a distance below a count has
+    # a third of it. White noise of this density leaves as much in the mean over the duration.
+    width, duration = settings.track_width, settings.duration_ns * NANOSECOND + interval
+    return 4.0 * coarse * interval / (width * width * duration)
 
 
 class BiasChange(NamedTuple):

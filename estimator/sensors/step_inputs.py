@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.faults.odd_wheels import wheel_density
 from icreckon.estimator.faults.sliding_robot import slide_density
 from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, spin_density
@@ -9,6 +10,7 @@ from icreckon.estimator.sensors.held_tracks import (
     ACCELERATION_AVERAGING,
     TrackRecord,
     age_at,
+    coarse_density,
     gap_density,
     mean_decay,
     mean_speeds,
@@ -16,7 +18,12 @@ from icreckon.estimator.sensors.held_tracks import (
 )
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.sensor_models import TrackChange
-from icreckon.estimator.sensors.standstill import StandstillRecord, carried_density, turn_density
+from icreckon.estimator.sensors.standstill import (
+    StandstillRecord,
+    carried_density,
+    creep_density,
+    turn_density,
+)
 
 
 class StepInputs(NamedTuple):
@@ -35,6 +42,7 @@ class StepInputs(NamedTuple):
     slide_x_density: float
     slide_y_density: float  # error density of the speed to the left of a carried robot [m²/s]
     turn_density: float  # error density of the yaw of a robot that may turn while it rests [rad²/s]
+    creep_density: float  # density of its yaw rate that coarse encoders may hide [rad²/s]
     acceleration_left: float  # averaged acceleration of the left track [m/s²]
     acceleration_right: float  # averaged acceleration of the right track [m/s²]
     window: float  # averaging time of the acceleration [s]
@@ -52,7 +60,14 @@ def step_inputs(
     """Inputs of a step between two stamps [ns]; if they are equal, no time passes."""
     left, right, missing = mean_speeds(held, start, end, settings.hold_ns)
     # Encoders of tracks at rest have no noise.
-    noise_density = 0.0 if held.left == 0.0 and held.right == 0.0 else settings.track_density
+    coarse = coarse_density(held, settings)
+    track_noise = settings.track_density + coarse
+    if held.left == 0.0 and held.right == 0.0:
+        # Encoders of tracks at rest have no noise; coarse ones may not have counted yet.
+        may_creep = (
+            still.stopped_since == NEVER or start - still.stopped_since < settings.duration_ns
+        )
+        track_noise = coarse if may_creep else 0.0
     carried = carried_density(still, start, end)
     is_slow = max(abs(held.left), abs(held.right)) < settings.track_speed
     stale = gap_density(held, start, end, settings)
@@ -67,16 +82,17 @@ def step_inputs(
         right,
         mean_decay(held, start, end, settings.hold_ns),
         missing,
-        noise_density + stuck_left + odd_left + spin_density(held.spin, LEFT),
-        noise_density + stuck_right + odd_right + spin_density(held.spin, RIGHT),
+        track_noise + stuck_left + odd_left + spin_density(held.spin, LEFT),
+        track_noise + stuck_right + odd_right + spin_density(held.spin, RIGHT),
         stale,
         slide_density(held.forward, start, end) + carried + hidden_density(held, settings),
         carried,
         turn_density(still, start, end),
+        creep_density(coarse, held.interval, settings),
         held.acceleration_left,
         held.acceleration_right,
         max(ACCELERATION_AVERAGING, held.interval),
-        noise_density / held.interval,
+        track_noise / held.interval,
         age_at(held, start, settings.hold),
         1.0 if is_slow else 0.0,
         1.0 if stale + stuck_left + stuck_right > 0.0 else 0.0,
