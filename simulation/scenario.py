@@ -108,6 +108,12 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         noise_preset(self.noise)  # raises if it does not exist
         check_whole("seed", self.seed)
         self._check_samples()
+        for what, spans in (("patches", self.patches), ("payloads", self.payloads)):
+            times = [span.time for span in spans]
+            if times and not any(start < self.duration and end > 0.0 for start, end in times):
+                raise SimulationError(
+                    f"time of all {what} is outside of the run of {self.duration!r} s, found {times!r}"
+                )
         for start, end in self.outages:
             if not start < end:
                 raise SimulationError(

@@ -1,10 +1,11 @@
 """Simulated run: true motion, error-free readings, their errors, and the log."""
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import (
     FixSeries,
@@ -18,6 +19,7 @@ from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.random_streams import Streams, random_streams
 from icreckon.simulation.base.sampling import sample_times, to_stamps
 from icreckon.simulation.drives.recorded import read_recording
+from icreckon.simulation.drives.smooth_speeds import STANDSTILL
 from icreckon.simulation.drives.trajectories import make_trajectory
 from icreckon.simulation.scenario import Scenario, grid_rate
 from icreckon.simulation.sensors.encoders import with_encoder_errors
@@ -139,6 +141,14 @@ def drive(
                 "one given to this run; leave one out"
             )
         recording = read_recording(Path(scenario.trajectory_file))
+    if recording is not None and len(recording.stamps):
+        lasts = float(recording.stamps[-1] - recording.stamps[0]) * NANOSECOND + STANDSTILL
+        if lasts > 1.1 * duration:
+            warnings.warn(
+                f"the recording ends after {lasts:.1f} s, the run after {duration:g} s: its rest is not "
+                "driven; set duration",
+                stacklevel=3,
+            )
     command = make_trajectory(
         scenario.trajectory,
         duration,

@@ -78,6 +78,8 @@ Radius = Annotated[
 ]
 # Part of another quantity; the standard deviation of a factor [-].
 Share = Annotated[float, Bound("zero or a positive number, 100 at most", 0.0, 100.0)]
+# Standard deviation of a factor near 1 [-].
+SmallShare = Annotated[float, Bound("from 0 to 1 (0.05 is 5 %)", 0.0, 1.0)]
 # Coordinate of a place on the robot [m].
 OnRobot = Annotated[float, Bound("a number of metres, 100 at most", -100.0, 100.0)]
 # Standard deviation and correlation time of fixes that wander [m, s].
@@ -154,8 +156,11 @@ def require_kind(
 
 
 def require_nanoseconds(first: int, last: int, count: int) -> None:
-    """Reject 30 stamps or more from `first` to `last` [ns] that are below 1 µs apart."""
-    if count >= 30 and 0 < last - first < 1000 * (count - 1):
+    """Reject 30 stamps or more from `first` to `last` [ns] that are below 1 µs apart.
+
+    Of 500 and more they are at least 25 µs apart: a driver may hand over fewer at once.
+    """
+    if count >= 30 and 0 < last - first < (25_000 if count >= 500 else 1000) * (count - 1):
         raise SettingError(
             f"stamps must be nanoseconds (round(seconds * 1e9)): {count} lie within {last - first} ns"
         )

@@ -25,7 +25,8 @@ from icreckon.estimator.log.measurements import Measurement
 from icreckon.estimator.sensors.imu_clock import is_alive
 
 LARGE_SLIP = 3.0  # factor on the slip from which it is a finding
-REJECTED_IN_A_ROW = 3  # number of successive rejected fixes that is a finding
+# Number of successive rejected position fixes that is a finding, and time of another sensor [s].
+REJECTED_IN_A_ROW, REJECTED_FOR = 3, 3.0
 CORRELATED = 0.5  # correlation of successive innovations of position fixes that is clear
 # Names of a gyro's faults, the reasons to reject its readings, and of fixes that repeat a position.
 REPEATED = "repeats itself"
@@ -210,6 +211,14 @@ def _find_departing(record: Any) -> Iterator[Found]:
         yield Found("position", text, size=size)
 
 
+def rejected_sensor(sensor: str, rejected_for: float) -> Iterator[Finding]:
+    """Find a sensor of the pose or the twist whose measurements are rejected [s]."""
+    if rejected_for >= REJECTED_FOR:
+        text = f"{sensor}: rejected for {rejected_for:.0f} s, it or the pose is wrong"
+        effect = "they are excluded until `Settings.gates.patience` ends"
+        yield Finding(sensor, "", "rejected", None, rejected_for, text, effect)
+
+
 FAULTS = (
     Fault(
         "stuck",
@@ -284,7 +293,7 @@ FAULTS = (
     ),
     Fault(
         "rejected",
-        "the gate rejects three position fixes in a row",
+        "the gate rejects three position fixes in a row, or another sensor for 3 s",
         "fixes are excluded until the path can be aligned with them, or `Settings.gates.patience` ends",
         "filter/reacquisition.py",
         _find_rejected,

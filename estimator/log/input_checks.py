@@ -62,7 +62,7 @@ EARLIEST, LATEST = -(2**61), 2**62 - 1
 NOT_FINITE, OUT_OF_RANGE = "not finite", "stamp out of range"  # reasons to reject
 LONGEST_TEXT = 200  # longest text of a value in a message
 # Largest asymmetry of a covariance, and its least eigenvalue, relative to its standard deviations.
-ASYMMETRY, LEAST_SHARE = 1e-6, 1e-9
+ASYMMETRY, LEAST_SHARE = 1e-6, 1e-14
 
 
 def key_of(event: Event) -> Key:
@@ -358,8 +358,9 @@ class Admission:
             objection = _objection_to_size(speeds, self._absurd, "absurdly fast")
             if objection not in (None, NOT_FINITE):
                 return objection
-        if isinstance(measurement, PositionFix | PoseFix):
-            place = measurement.x, measurement.y
+        if isinstance(measurement, PositionFix | PoseFix | HeightFix):
+            names = ("z",) if isinstance(measurement, HeightFix) else ("x", "y")
+            place = tuple(getattr(measurement, name) for name in names)
             objection = _objection_to_size(place, ABSURD_DISTANCE, "absurdly far")
             if objection is None and isinstance(measurement, PositionFix):
                 lever = measurement.forward, measurement.left, measurement.up

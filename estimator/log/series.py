@@ -29,11 +29,10 @@ class TrackSpeedSeries:
     right_wheels: Floats | None = None
 
     def __post_init__(self) -> None:
-        _check_shape("speeds", self.stamps, self.speeds, (2,))
+        _check_values(self, "speeds", (2,))
         for name in ("left_wheels", "right_wheels"):
             # Any number of wheels, but a row of them for each stamp.
-            wheels = getattr(self, name)
-            _check_shape(name, self.stamps, wheels, np.shape(wheels)[1:2] or (1,))
+            _check_values(self, name, np.shape(getattr(self, name))[1:2] or (1,))
         if (self.left_wheels is None) != (self.right_wheels is None):
             raise EstimatorError("left_wheels and right_wheels go together, found one of them")
 
@@ -57,8 +56,8 @@ class ImuSeries:
     linear_acceleration: Floats | None = None
 
     def __post_init__(self) -> None:
-        _check_shape("angular_velocity", self.stamps, self.angular_velocity, (3,))
-        _check_shape("linear_acceleration", self.stamps, self.linear_acceleration, (3,))
+        _check_values(self, "angular_velocity", (3,))
+        _check_values(self, "linear_acceleration", (3,))
 
 
 @dataclass(frozen=True)
@@ -76,9 +75,9 @@ class PoseSeries:
     travelled: Floats | None = None
 
     def __post_init__(self) -> None:
-        _check_shape("poses", self.stamps, self.poses, (3,))
-        _check_shape("spatial", self.stamps, self.spatial, (3,))
-        _check_shape("travelled", self.stamps, self.travelled, ())
+        _check_values(self, "poses", (3,))
+        _check_values(self, "spatial", (3,))
+        _check_values(self, "travelled", ())
 
     @property
     def positions(self) -> Floats:
@@ -110,7 +109,7 @@ class TwistSeries:
     twists: Floats
 
     def __post_init__(self) -> None:
-        _check_shape("twists", self.stamps, self.twists, (3,))
+        _check_values(self, "twists", (3,))
 
 
 @dataclass(frozen=True)
@@ -128,9 +127,9 @@ class FixSeries:
     antennas: Floats | None = None
 
     def __post_init__(self) -> None:
-        _check_shape("poses", self.stamps, self.poses, (3,))
-        _check_shape("variances", self.stamps, self.variances, (2,))
-        _check_shape("antennas", self.stamps, self.antennas, (3,))
+        _check_values(self, "poses", (3,))
+        _check_values(self, "variances", (2,))
+        _check_values(self, "antennas", (3,))
 
     @property
     def lever_arms(self) -> Floats:
@@ -186,8 +185,9 @@ def require_part(name: str, value: object, kind: type, *, or_none: bool = False)
     require_kind(name, value, kind, or_none=or_none, shown=False)
 
 
-def _check_shape(name: str, stamps: Stamps, values: Floats | None, width: tuple[int, ...]) -> None:
-    """Reject arrays that are no series: ordered stamps (n,), values (n, *width), None."""
+def _check_values(series: Any, name: str, width: tuple[int, ...]) -> None:
+    """Check stamps (n,) and values (n, *width), which become floats; None is allowed."""
+    stamps, values = series.stamps, getattr(series, name)
     if values is None:
         return
     for field, array in (("stamps", stamps), (name, values)):
@@ -211,3 +211,7 @@ def _check_shape(name: str, stamps: Stamps, values: Floats | None, width: tuple[
             f"{name} must have shape {(len(stamps), *width)} to go with {len(stamps)} stamps, "
             f"found {values.shape}"
         )
+    if values.dtype.kind not in "fiu":
+        raise EstimatorError(f"{name} must be numbers, found {values.dtype}")
+    # The filters are compiled for these, also where a driver gives single precision or integers.
+    object.__setattr__(series, name, values.astype(float, copy=False))

@@ -23,6 +23,7 @@ from icreckon.estimator.base.checks import (
     Radius,
     RobotSize,
     Share,
+    SmallShare,
 )
 from icreckon.estimator.base.config import convert, read_toml
 from icreckon.estimator.base.errors import EstimatorError, SettingError, nearest_hint
@@ -35,6 +36,7 @@ FORMAT = 1
 LEAST_UPRIGHT = 0.1  # least share of the vertical along the z axis of a gyro that reads z alone
 # Radii that differ by more are an error of units, not of tyres [-].
 _Difference = Annotated[float, Bound("relative (0.02 is 2 %), 0.5 at most in size", -0.5, 0.5)]
+RATE_NOISE = "in radians, 1 at most (1 deg/s is 0.0175 rad/s, 1 deg/h is 4.85e-6)"
 TYPICAL_ROLLING = 0.05  # rolling resistance of unknown ground [-]
 LOAD_LAG = 0.2  # default lag of the load transfer [s]
 LARGEST_ETA = 1000.0  # largest distance of constant ICRs, as a multiple of the gauge
@@ -157,11 +159,11 @@ class Imu(Bounded, frozen=True):
     gyro_axes: Literal["xyz", "z"] = "xyz"
     gyro_range: NotNegative = 0.0
     gyro_scale: Annotated[float, Bound("a positive number from 0.1 to 10", 0.1, 10.0)] = 1.0
-    gyro_scale_sigma: Share = 0.0
+    gyro_scale_sigma: SmallShare = 0.0
     gyro_bias: Annotated[float, Bound("a number of rad/s, 1 at most", -1.0, 1.0)] = 0.0
-    gyro_noise_density: Positive = 1e-3
-    gyro_bias_sigma: NotNegative = 0.01
-    gyro_bias_walk: NotNegative = 1e-5
+    gyro_noise_density: Annotated[float, Bound(RATE_NOISE, 0.0, 1.0, beyond=True)] = 1e-3
+    gyro_bias_sigma: Annotated[float, Bound(RATE_NOISE, 0.0, 1.0)] = 0.01
+    gyro_bias_walk: Annotated[float, Bound(RATE_NOISE, 0.0, 1.0)] = 1e-5
     accelerometer_noise_density: Positive = 0.02
     accelerometer_bias_sigma: NotNegative = 0.2
     accelerometer_bias_walk: NotNegative = 1e-3
@@ -180,7 +182,8 @@ class Tracks(Bounded, frozen=True):
     """Scale and noise of the track-speed sensors.
 
     Attributes:
-        speed_noise_density: white noise of each track's speed [m/s/√Hz].
+        speed_noise_density: white noise of each track's speed [m/s/√Hz]; measured noise, as of few
+            counts a turn, adds to it where it is clearly larger.
         scale_sigma: standard deviation of the relative error of the effective sprocket radius [-].
         difference: effective radius of the right sprocket less that of the left, as a share of
             `sprocket_radius` [-].
@@ -188,9 +191,9 @@ class Tracks(Bounded, frozen=True):
     """
 
     speed_noise_density: NotNegative = 1e-3
-    scale_sigma: Share = 0.0
+    scale_sigma: SmallShare = 0.0
     difference: _Difference = 0.0
-    difference_sigma: Share = 0.003
+    difference_sigma: SmallShare = 0.003
 
 
 class Slope(Bounded, frozen=True):

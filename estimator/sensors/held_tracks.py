@@ -258,9 +258,9 @@ def mean_speeds(held: TrackRecord, start: int, end: int, hold_ns: int) -> Vector
 
 
 def coarse_density(held: TrackRecord, settings: InputSettings) -> float:
-    """Error density of each track's speed by coarse encoders, beyond the file's noise [m²/s].
+    """Error density of each track's speed by coarse encoders [m²/s].
 
-    It is zero unless the measured noise is clearly larger than that of the file.
+    It adds to that of the file, and is zero unless the measured noise is clearly larger.
     """
     measured = SIGMA_OVER_MEAN_SIZE * held.noise
     return max(0.0, 0.5 * measured * measured - MORE_NOISE * settings.track_density)

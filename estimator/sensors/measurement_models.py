@@ -4,6 +4,7 @@
 a twist, linearise, gate, update, record. `register` adds a sensor that is no part of the package.
 """
 
+from contextlib import suppress
 from typing import Any, ClassVar, Generic, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
@@ -73,6 +74,23 @@ class Linearised(NamedTuple):
     z: Floats  # (n,) innovation: measured less predicted
     H: Floats  # (n, SIZE) Jacobian of the predicted measurement
     R: Floats  # (n, n) covariance of the measurement noise
+
+
+def checked(name: str, count: int, states: int, linearised: Any) -> Linearised:
+    """Check a linearised measurement of a sensor, and convert it to arrays.
+
+    Raises:
+        EstimatorError: they are no numbers, or not of `count` components and `states` states; the message
+            has the `name` of the sensor.
+    """
+    wanted, found = ((count,), (count, states), (count, count)), None
+    with suppress(TypeError, ValueError):
+        z, H, R = (np.asarray(part, dtype=float) for part in linearised)
+        found = z.shape, H.shape, R.shape
+        if found == wanted:
+            return Linearised(z, H, R)
+    shapes = "" if found is None else f", found {found}"
+    raise EstimatorError(f"{name}: linearise must return z, H and R of shapes {wanted}{shapes}")
 
 
 class MeasurementModel:
@@ -205,6 +223,8 @@ def register(kind: type[M], model: FixModel[M]) -> None:
             inflates another number of states than it has components, has more than `MOST_COMPONENTS`,
             or predicts no `Quantity`.
     """
+    if not isinstance(model, FixModel):
+        raise EstimatorError(f"{kind.__name__}: a FixModel() is needed, found {model!r}")
     if model.predicts not in get_args(Quantity):
         known = ", ".join(map(repr, get_args(Quantity)))
         raise EstimatorError(
@@ -212,6 +232,10 @@ def register(kind: type[M], model: FixModel[M]) -> None:
         )
     if len(model.inflated) != len(model.components):
         raise EstimatorError(f"{model.name}: one inflated state for each component is needed")
+    if not set(model.inflated) <= set(range(s.SIZE)):
+        raise EstimatorError(
+            f"{model.name}: inflated states are 0 to {s.SIZE - 1}, found {model.inflated!r}"
+        )
     if not 1 <= len(model.components) <= MOST_COMPONENTS:
         raise EstimatorError(
             f"{model.name}: a sensor has 1 to {MOST_COMPONENTS} components, found "
@@ -224,7 +248,7 @@ def register(kind: type[M], model: FixModel[M]) -> None:
 
 
 def unregister(kind: type[Measurement]) -> None:
-    """Remove a sensor that `register` added."""
+    """Remove a sensor that `register` added, and that no estimator takes any more."""
     del MODELS[kind]
     remove_stream(kind)
 

@@ -174,10 +174,10 @@ def add_quiet(still: StandstillRecord, stamp: int, mean: float, usual_change: fl
 def follow_mean(
     still: StandstillRecord, stamp: int, by_noise: float, settings: InputSettings
 ) -> None:
-    """Follow the quiet mean since the robot stands; beyond `by_noise` [rad/s] it differs.
+    """Follow the quiet mean since the robot stands.
 
-    Where that lasts, the bias changed at rest: the time of it is set as `rest_time`. A robot that
-    has just stopped has a new mean.
+    Where another one, by more than `by_noise` [rad/s], lasts, the bias changed at rest: the time of it
+    is set as `rest_time`. A robot that has just stopped has a new mean.
     """
     is_new = still.rest_time + still.drive_time >= settings.duration_ns * NANOSECOND
     if not is_new and abs(still.quiet_mean - still.steady_mean) > by_noise:

@@ -116,14 +116,18 @@ class History:
         """Update the filter with the newest event; return True if it was used."""
         self._keys.append(key)
         self._events.append(event)
-        used = self._reckoning.take(event)
+        try:
+            used = self._reckoning.take(event)
+        except BaseException:
+            self._take_back(len(self._keys) - 1)
+            raise
         self._since_checkpoint += 1
         if self._since_checkpoint >= CHECKPOINT_EVERY:
             self._watch(self._reckoning.record)
-            recent_stamps = [stamp for stamp, _ in self._keys[-CHECKPOINT_EVERY:]]
+            first, count = self._keys[0][0], len(self._keys)
             self._add_checkpoint(key)
             self._drop_obsolete()
-            require_nanoseconds(recent_stamps[0], recent_stamps[-1], len(recent_stamps))
+            require_nanoseconds(first, key[0], count)
         return used
 
     def set_clock(self, by: int) -> None:
@@ -169,6 +173,19 @@ class History:
         self._events.insert(place, event)
         while self._checkpoints[-1].after > key:
             self._checkpoints.pop()
+        try:
+            return self._run_again(place)
+        except BaseException:
+            self._take_back(place)
+            raise
+
+    def _take_back(self, place: int) -> None:
+        """Take back the event at a place, whose sensor raised an exception."""
+        del self._keys[place], self._events[place]
+        self._run_again(len(self._keys))
+
+    def _run_again(self, place: int) -> bool:
+        """Re-run from the newest checkpoint; return True if the event at a place was used."""
         after, checkpoint = self._checkpoints[-1]
         reckoning = self._reckoning
         reckoning.restore(checkpoint)

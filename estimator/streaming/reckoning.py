@@ -20,6 +20,7 @@ from icreckon.estimator.filter import filter_record, slip_factor
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.ekf import Ekf, update
+from icreckon.estimator.filter.fault_table import rejected_sensor
 from icreckon.estimator.filter.gate import FORCED, GATED, SKIPPED, GateRecord, gates_of
 from icreckon.estimator.filter.health import (
     ADMITTED,
@@ -33,7 +34,7 @@ from icreckon.estimator.filter.initial_state import assumptions, considered_stat
 from icreckon.estimator.filter.process_noise import slip_times, twist_covariance
 from icreckon.estimator.filter.reacquisition import add_rejected, relocate
 from icreckon.estimator.filter.samples import RunRows, SampleArrays
-from icreckon.estimator.log.input_checks import STREAMS, Admission, Event
+from icreckon.estimator.log.input_checks import NOT_FINITE, STREAMS, Admission, Event
 from icreckon.estimator.log.measurements import (
     ImuSample,
     Mark,
@@ -131,6 +132,9 @@ class Reckoning:
             if gate.counts.judged:
                 health.sensor(name).add(gate.health())
         add_findings(health, self.record, self.ekf.x, self.ekf.P, self._prior)
+        for name, gate in self._fix_gates.items():
+            if name != "position":
+                health.findings += rejected_sensor(name, gate.counts.rejected_for)
         health.findings += self.own_faults.findings()
         return health
 
@@ -349,7 +353,12 @@ class Reckoning:
         predicted = self._predict(model.predicts, m.stamp, ahead=ahead)
         if model.predicts == "pose":
             self._let_wander(m.stamp)
-        gate, innovation = self._gates[model.name], model.linearise(m, predicted)
+        gate, (name, count) = self._gates[model.name], (model.name, len(model.components))
+        linearised = model.linearise(m, predicted)
+        innovation = measurement_models.checked(name, count, len(ekf.x), linearised)
+        if not all(np.isfinite(part).all() for part in innovation):
+            self._counts.sensor(name).reject(NOT_FINITE)
+            return False
         interval = gate.interval_to(m.stamp)
         if model.is_place:
             slip_factor.let_slip_last(ekf, predicted.values.item(s.YAW), interval)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.log.scores import HORIZONS
 from icreckon.simulation.study.cells import Axis, Plan, Value
 from icreckon.simulation.study.failures import failures_of
 from icreckon.simulation.study.statistics import DRIFT, Statistic, statistics
@@ -174,9 +175,10 @@ def _by_variant(runs: Runs, summaries: list[list[Summary]]) -> dict[str, Any]:
 
 
 def _reported_drift(runs: Runs) -> str:
-    """Drift over the horizon that most cells have, the nearest to `USUAL_HORIZON`."""
-    names = [statistic.name for statistic in runs.statistics]
-    horizons = sorted(runs.plan.study.horizons, key=lambda s: (abs(s - USUAL_HORIZON), s))
+    """Drift over a horizon that most cells have: the longest, or the usual one."""
+    names, horizons = [statistic.name for statistic in runs.statistics], runs.plan.study.horizons
+    usual = USUAL_HORIZON if horizons == HORIZONS else max(horizons)
+    horizons = tuple(sorted(horizons, key=lambda s: (abs(s - usual), s)))
     columns = [names.index(DRIFT.format(horizon)) for horizon in horizons]
     # Cells in which any run of any filter has the drift.
     has_drift = (np.isfinite(runs.values[..., column]).any(axis=(0, 2)) for column in columns)

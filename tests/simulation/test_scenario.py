@@ -126,6 +126,14 @@ def test_spread_zero_is_the_robot_file():
         ({"duration": 3e4}, "the true motion at 200 Hz .* makes 6e"),
         ({"outages": ((9.0, 5.0),)}, "an outage must end after it starts, found 9.0 to 5.0 s"),
         ({"outages": ((5.0, 400.0),)}, "an outage must lie within the run of 300.0 s"),
+        (
+            {"patches": (Patch(time=(300.0, 310.0), friction=0.3),)},
+            "time of all patches is outside",
+        ),
+        (
+            {"payloads": (Payload(time=(400.0, 410.0), mass=1.0),)},
+            "time of all payloads is outside",
+        ),
         (KINEMATIC | {"patches": PATCHES}, "kinematic truth does not support patches"),
         (KINEMATIC | {"patches": PATCHES, "payloads": LOADS}, "support patches or payloads"),
         (KINEMATIC | {"track_lag": 0.1}, "kinematic truth does not support track_lag"),
@@ -252,6 +260,8 @@ def test_a_recorded_drive_from_a_file_beside_the_scenario_and_from_memory(tmp_pa
     )
     bare = msgspec.structs.replace(scenario, trajectory_file=None)
     assert changed(log, simulate(bare, ALPHA, recording=recording)) == set()
+    with pytest.warns(UserWarning, match="the recording ends after 8.0 s, the run after 7 s"):
+        simulate(msgspec.structs.replace(scenario, duration=7.0), ALPHA)
     with pytest.raises(SimulationError, match="two recordings to drive"):
         simulate(scenario, ALPHA, recording=recording)
     with pytest.raises(SimulationError, match="set trajectory = 'recorded'"):

@@ -13,6 +13,7 @@ NEES = "nees_pose_end"
 # NEES from which a filter is much too sure, the mark next to it, and keys that change the sensors' noise.
 MUCH_NEES, MARK = 6.0, "*"
 NOISE_KEYS = ("noise", "gyro", "accelerometer", "encoders")
+NOT_TOLD = ("resolution", "range")  # of them, filters find those while driving
 ERROR = "ERROR"  # first word of failure messages
 # Most failures and reasons in the text; `results.json` lists all.
 MOST_FAILURES, MOST_REASONS = 12, 3
@@ -74,12 +75,17 @@ def _comparison(results: Results, name: str) -> str:
     if _is_finite(low) and _is_finite(high):
         text += change_range((low, high), "; not significant" if low <= 1.0 <= high else "")
     text += _wins_and_losses(results, name)
-    ratio, low, high = typical["ratio"], typical["end_ratio_low"], typical["end_ratio_high"]
-    if _is_finite(low) and (ratio < 1.0 < low or high < 1.0 < ratio):
-        # The error at the end contradicts the drift.
+    low, high = typical["end_ratio_low"], typical["end_ratio_high"]
+    if _is_finite(low) and any(map(_is_contradicted, results["typical"].values())):
         end_error = f"{change(typical['end_ratio'])}{change_range((low, high), '')}"
         text += f". Its error at the end is {end_error}"
     return f"{text}."
+
+
+def _is_contradicted(typical: dict[str, Any]) -> bool:
+    """Return True if the error at the end of a variant contradicts its drift."""
+    ratio, low, high = typical["ratio"], typical["end_ratio_low"], typical["end_ratio_high"]
+    return _is_finite(low) and (ratio < 1.0 < low or high < 1.0 < ratio)
 
 
 def _wins_and_losses(results: Results, name: str) -> str:
@@ -185,7 +191,9 @@ def _large_nees_note(results: Results) -> list[str]:
             # A case that also sets the filter's own IMU noise does not count.
             if not any("filter.imu" in key for key in changes):
                 keys += changes
-    noisy = sorted({key for key in keys if key.split(".")[0] in NOISE_KEYS})
+    noisy = sorted(
+        {key for key in keys if key.split(".")[0] in NOISE_KEYS and not key.endswith(NOT_TOLD)}
+    )
     variants = [scores for cell in results["cells"] for scores in cell["variants"].values()]
     nees = [scores[NEES]["mean"] for scores in variants]
     largest = max(filter(_is_finite, nees), default=0.0)

@@ -231,3 +231,67 @@ def test_an_estimator_refuses_sensors_that_were_registered_after_it_was_made() -
                 estimator.feed(measurement)
         else:
             assert estimator.feed(measurement) in (True, False)
+
+
+class BrokenRadar(Radar):
+    """Radar whose readings above 10 m/s break its model, one way or another."""
+
+    breaks: object = None
+
+    def linearise(self, measurement: GroundSpeed, predicted: Prediction) -> Linearised:
+        if measurement.speed <= 10.0:
+            return super().linearise(measurement, predicted)
+        if isinstance(self.breaks, Exception):
+            raise self.breaks
+        return self.breaks
+
+
+@pytest.fixture
+def broken() -> BrokenRadar:
+    unregister(GroundSpeed)
+    model = BrokenRadar()
+    register(GroundSpeed, model)
+    return model
+
+
+@pytest.mark.parametrize("late", [0, 400_000_000])
+def test_a_reading_that_raises_is_as_if_it_had_not_been_there(broken: BrokenRadar, late: int):
+    broken.breaks = ValueError("bad frame")
+    estimator, without = fed(drive()), fed(drive())
+    with pytest.raises(ValueError, match="bad frame"):
+        estimator.feed(GroundSpeed(estimator.stamp + 1 - late, 20.0, 1e-4))
+    after = drive(5.0)[len(drive()) :]
+    for one in (estimator, without):
+        for measurement in [*after, seen(EPOCH + 4_200_000_001)]:
+            assert one.feed(measurement)
+    assert (estimator.state == without.state).all()
+    assert (estimator.covariance == without.covariance).all()
+
+
+@pytest.mark.parametrize("part", range(3))
+def test_what_is_not_finite_is_rejected(broken: BrokenRadar, part: int):
+    parts = [np.zeros(1), np.zeros((1, s.SIZE)), np.eye(1)]
+    parts[part] = parts[part] * np.nan
+    broken.breaks = Linearised(*parts)
+    estimator = fed(drive())
+    before, stamp = estimator.state, estimator.stamp
+    for k in range(1, 40):
+        assert not estimator.feed(GroundSpeed(stamp + k * 200_000, 20.0, 1e-4))
+    assert estimator.health.sensors["radar"].rejected == {"not finite": 39}
+    assert (estimator.state == before).all()
+
+
+@pytest.mark.parametrize(
+    "breaks",
+    [
+        None,
+        (0.5, np.zeros((1, s.SIZE)), np.eye(1)),
+        (np.zeros(1), np.zeros(s.SIZE), np.eye(1)),
+        (np.zeros(1), np.zeros((1, s.SIZE)), 1e-4),
+    ],
+)
+def test_other_shapes_are_refused_by_the_sensors_name(broken: BrokenRadar, breaks: object):
+    broken.breaks = breaks
+    estimator = fed(drive())
+    with pytest.raises(EstimatorError, match="radar: linearise must return z, H and R of shapes"):
+        estimator.feed(GroundSpeed(estimator.stamp + 1, 20.0, 1e-4))

@@ -8,7 +8,7 @@ from icreckon import GateSettings, PoseEstimator, Scenario, Settings, load_robot
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
-from icreckon.estimator.log.measurements import PoseFix, TrackSpeeds
+from icreckon.estimator.log.measurements import HeadingFix, PoseFix, TrackSpeeds
 from icreckon.estimator.sensors.predictions import pose_ahead
 from same_runs import apart
 
@@ -143,9 +143,40 @@ def test_a_covariance_that_cannot_be_is_refused_by_its_reason(reason, covariance
     assert estimator.health.rejections() == {f"pose: {reason}": 1}
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.7, 1.2])
+def test_a_corridor_may_lie_in_any_direction(turn):
+    """Along it nothing is known: a kilometre, next to a centimetre across."""
+    along = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0]])
+    axes = np.vstack([along, [0.0, 0.0, 1.0]])
+    estimator = driven()
+    before, off = estimator.pose, axes @ (0.0, 0.1, 0.0)
+    covariance = axes @ np.diag([1e6, 1e-4, 1e-4]) @ axes.T
+    assert estimator.feed(PoseFix(estimator.stamp, *before + off, covariance))
+    assert axes.T @ (estimator.pose - before) == pytest.approx((0.0, 0.1, 0.0), abs=0.05)
+
+
 def test_a_covariance_that_is_symmetric_but_for_rounding_is_taken_as_symmetric():
     tilted = np.array([[0.04, 0.01, 0.0], [0.01 + 1e-12, 0.05, 0.0], [0.0, 0.0, 0.01]])
     one, other = driven(), driven()
     assert one.feed(PoseFix(one.stamp, *one.pose + 0.05, tilted))
     assert other.feed(PoseFix(other.stamp, *other.pose + 0.05, tilted.T))
     assert (one.state == other.state).all()
+
+
+@pytest.mark.parametrize("kind", ["pose", "heading"])
+def test_a_heading_of_another_frame_is_a_finding_while_it_is_rejected(kind):
+    log = simulate(Scenario(duration=25.0, trajectory="slalom", fix_rate=0.0, seed=4), ALPHA)
+    estimator, due = PoseEstimator(ALPHA), log.start + 20_000_000_000
+    for measurement in log.measurements():
+        estimator.feed(measurement)
+        if measurement.stamp < due:
+            continue
+        due += 1_000_000_000
+        yaw = estimator.pose[2] + 1.0
+        fix = HeadingFix(measurement.stamp, yaw, 1e-4)
+        if kind == "pose":
+            place = estimator.pose[:2].tolist()
+            fix = PoseFix(measurement.stamp, *place, yaw, np.diag([0.01, 0.01, 1e-4]))
+        assert not estimator.feed(fix)
+    found = estimator.health.finding("rejected")
+    assert (found.sensor, found.size) == (kind, pytest.approx(4.0, abs=1.1))

@@ -215,6 +215,10 @@ LOG = Log("a", TRACKS, IMU)
     [
         (lambda: TrackSpeedSeries(STAMPS * 1e-9, np.zeros((50, 2))), r"integers \[ns\].*astype"),
         (lambda: TrackSpeedSeries([1, 2], np.zeros((2, 2))), "stamps must be a numpy array"),
+        (
+            lambda: TrackSpeedSeries(STAMPS, np.full((50, 2), "1")),
+            "speeds must be numbers, found <U1",
+        ),
         (lambda: ImuSeries(np.array([1, 3, 2]), np.zeros((3, 3))), "stamps of angular_velocity go"),
         (lambda: Truth(np.zeros((3, 3))), r"poses must be PoseSeries\(\.\.\.\), found ndarray"),
         (lambda: Log("x", IMU), r"tracks must be TrackSpeedSeries\(\.\.\.\), found ImuSeries"),
@@ -229,3 +233,9 @@ def test_it_is_named(make: Any, words: str) -> None:
     with pytest.raises(icreckon.IcreckonError, match=words) as found:
         make()
     assert len(str(found.value)) < 300
+
+
+def test_values_of_other_types_are_floats() -> None:
+    series = TrackSpeedSeries(STAMPS, np.ones((50, 2), np.float32), *[np.ones((50, 1), int)] * 2)
+    arrays = series.speeds, series.left_wheels, series.right_wheels
+    assert all(array.dtype == float and (array == 1.0).all() for array in arrays)

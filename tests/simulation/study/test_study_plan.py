@@ -148,7 +148,7 @@ def test_a_file_is_read_with_paths_beside_it(tmp_path):
     (tmp_path / "drive.csv").write_text("t,left,right\n0,0,0\n1,0.2,0.2\n9,0.2,0.3\n", "utf-8")
     file = tmp_path / "first.toml"
     file.write_text(
-        'robot = "mine.toml"\nvariants = ["differential"]\n[scenario]\nduration = 8.0\n'
+        'robot = "mine.toml"\nvariants = ["differential"]\n[scenario]\nduration = 12.0\n'
         'trajectory = "recorded"\ntrajectory_file = "drive.csv"\n[sweep.grid]\ngyro.factor = [1, 2]\n',
         encoding="utf-8",
     )
@@ -156,7 +156,7 @@ def test_a_file_is_read_with_paths_beside_it(tmp_path):
     assert study.name == "first"
     plan = expand(study)
     assert plan.cells[1].robot.vehicle.mass == 80.0
-    assert len(study_log(plan.cells[0], 0).tracks.stamps) == 401
+    assert len(study_log(plan.cells[0], 0).tracks.stamps) == 601
 
 
 @pytest.mark.parametrize(

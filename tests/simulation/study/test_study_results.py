@@ -14,7 +14,7 @@ from scipy import stats
 import study_stub
 from command_line import blank
 from icreckon import Scenario, Study, Sweep, drift, pose_nees, run, velocity_errors
-from icreckon.estimator.log.scores import without_fixes
+from icreckon.estimator.log.scores import HORIZONS, without_fixes
 from icreckon.report.study import figures as study_drawings
 from icreckon.report.study.figures import study_figures
 from icreckon.report.study.folder import study_page
@@ -25,7 +25,7 @@ from icreckon.simulation.running.streaming_engine import study_log
 from icreckon.simulation.study.cells import expand
 from icreckon.simulation.study.plan import LatinHypercube
 from icreckon.simulation.study.results import Runs, cell_summaries, groups_of, study_results
-from icreckon.simulation.study.statistics import run_statistics, statistics
+from icreckon.simulation.study.statistics import DRIFT, run_statistics, statistics
 from icreckon.simulation.study.summary import mean_interval, ratio_interval, summarise
 from icreckon.simulation.study.tables import results_parquet, runs_parquet
 
@@ -55,6 +55,15 @@ def runs():
 @pytest.fixture(scope="module")
 def results(runs):
     return study_results(runs, manifest(runs.plan, ENGINES["streaming"]), cell_summaries(runs))
+
+
+@pytest.mark.parametrize(
+    ("horizons", "reported"), [(HORIZONS, 30.0), ((5.0, 30.0, 20.0, 34.0), 34.0)]
+)
+def test_the_longest_horizon_that_somebody_asks_for_is_reported(horizons, reported):
+    runs = stubbed(msgspec.structs.replace(STUDY, horizons=horizons))
+    found = study_results(runs, manifest(runs.plan, ENGINES["streaming"]), cell_summaries(runs))
+    assert found["drift"] == DRIFT.format(reported)
 
 
 def test_runs_that_share_their_motion_count_as_one():
@@ -276,6 +285,10 @@ def test_a_large_nees_by_untold_noise_is_explained_where_it_stands(results):
     assert any(cell.startswith("125") and cell.endswith(" *") for row in table.rows for cell in row)
     (note,) = [line for line in notes(changed) if line.startswith("*")]
     assert "whatever noise is" in note
+    changed["configuration"]["sweep"]["grid"] = {"encoders.resolution": [0.001, 0.005]}
+    (note,) = [line for line in notes(changed) if line.startswith("*")]
+    assert "whatever" not in note
+    changed["configuration"]["sweep"]["grid"] = {"noise": ["consumer", "tactical"]}
     changed["configuration"]["filters_know_noise"] = True
     (note,) = [line for line in notes(changed) if line.startswith("*")]
     assert "Slopes" in note
