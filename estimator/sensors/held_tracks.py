@@ -41,7 +41,7 @@ SMOOTHING = 0.2  # time constant of the smoothed speeds [s]
 DYING_AWAY = 2.0  # time constant with which stale speeds decay [s]
 USUAL_TRACK_INTERVAL = 0.02  # assumed interval before it is measured [s]
 # The file's noise counts while the measured density is at most this many times as large.
-MORE_NOISE = 6.25
+MORE_NOISE = 25.0
 NOISE_MEMORY = 30.0  # time of driving that the measured noise is a mean over [s]
 NOISE_FREE = 50  # number of differences without noise that it begins with: a start is a jump
 
