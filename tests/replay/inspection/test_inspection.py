@@ -197,7 +197,7 @@ def test_static_transforms_give_positions_and_what_the_log_does_not_show(tmp_pat
     found, robot, topics = with_frames("level")
     assert robot.imu.rotation_rpy_deg == (0.0, 0.0, 30.0)
     assert robot.imu.position == pytest.approx((0.0, 0.173, 0.0))
-    assert (topics.fixes.topic, topics.fixes.position) == ("/gps/fix", (-0.2, 0.1))
+    assert (topics.fixes.topic, topics.fixes.position) == ("/gps/fix", (-0.2, 0.1, 0.0))
     assert not any("see [imu]" in finding for finding in found.findings)
     found, robot, _ = with_frames("loop", frames=("imu_link", "base_link"))
     assert robot.imu.position == (0.0, 0.0, 0.0)
