@@ -250,7 +250,7 @@ class Step:
         creep = lane.input("creep_density")
         variance = variance + (self.noise.gyro + creep) / lane.constant("standstill_duration")
         times = lane.input("rest_time"), lane.input("drive_time")
-        # Else the robot goes on standing, with a mean that is as before or has just begun to change.
+        # The mean is new once the robot has stopped, or once a change of it at rest has lasted.
         is_new = self.stands & (times[0] + times[1] >= lane.constant("standstill_duration"))
         mean = select(is_new, lane.input("quiet_mean"), lane.x[s.GYRO_BIAS])
         lane.add_doubt(*model.bias_change(mean - lane.x[s.GYRO_BIAS], variance, *times))

@@ -215,7 +215,7 @@ def rejected_sensor(sensor: str, rejected_for: float) -> Iterator[Finding]:
     """Find a sensor of the pose or the twist whose measurements are rejected [s]."""
     if rejected_for >= REJECTED_FOR:
         text = f"{sensor}: rejected for {rejected_for:.0f} s, it or the pose is wrong"
-        effect = "they are excluded until `Settings.gates.patience` ends"
+        effect = "its measurements are excluded until `Settings.gates.patience` ends"
         yield Finding(sensor, "", "rejected", None, rejected_for, text, effect)
 
 

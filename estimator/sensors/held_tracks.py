@@ -132,7 +132,8 @@ def take_tracks(
 def measure_track_noise(held: TrackRecord, change: float, interval: float, rests: bool) -> None:
     """Add a change of right speed less left [m/s] over an interval [s] to the noise.
 
-    Second differences cancel accelerations. At rest encoders have no noise.
+    Second differences cancel accelerations. Unlike the IMU's, those of zero count and none is clipped:
+    jumps are rare, counts are not. At rest encoders have no noise.
     """
     size = abs(change - held.change) * math.sqrt(interval / DIFFERENCE_VARIANCE)
     held.change = change

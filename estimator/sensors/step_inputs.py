@@ -59,7 +59,6 @@ def step_inputs(
 ) -> StepInputs:
     """Inputs of a step between two stamps [ns]; if they are equal, no time passes."""
     left, right, missing = mean_speeds(held, start, end, settings.hold_ns)
-    # Encoders of tracks at rest have no noise.
     coarse = coarse_density(held, settings)
     track_noise = settings.track_density + coarse
     if held.left == 0.0 and held.right == 0.0:

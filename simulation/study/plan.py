@@ -145,8 +145,8 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         seed: seed of all random numbers.
         baseline: label of the filter with which the others are compared, run by run; the first by
             default.
-        horizons: lengths of the segments over which drift is scored [s]; the page has the longest, of
-            these three 30 s.
+        horizons: lengths of the segments over which drift is scored [s]; the page has the longest, and
+            30 s by default.
         engine: engine of the runs, see `icreckon.simulation.running.engines`.
         filters_know_noise: whether the filters have the noise of the simulated IMU and encoders, or that
             of the robot file, whatever is swept.

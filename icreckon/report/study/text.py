@@ -13,7 +13,7 @@ NEES = "nees_pose_end"
 # NEES from which a filter is much too sure, the mark next to it, and keys that change the sensors' noise.
 MUCH_NEES, MARK = 6.0, "*"
 NOISE_KEYS = ("noise", "gyro", "accelerometer", "encoders")
-NOT_TOLD = ("resolution", "range")  # of them, filters find those while driving
+NOT_SET = ("resolution", "range")  # of them, `filters_know_noise` does not set those
 ERROR = "ERROR"  # first word of failure messages
 # Most failures and reasons in the text; `results.json` lists all.
 MOST_FAILURES, MOST_REASONS = 12, 3
@@ -192,7 +192,7 @@ def _large_nees_note(results: Results) -> list[str]:
             if not any("filter.imu" in key for key in changes):
                 keys += changes
     noisy = sorted(
-        {key for key in keys if key.split(".")[0] in NOISE_KEYS and not key.endswith(NOT_TOLD)}
+        {key for key in keys if key.split(".")[0] in NOISE_KEYS and not key.endswith(NOT_SET)}
     )
     variants = [scores for cell in results["cells"] for scores in cell["variants"].values()]
     nees = [scores[NEES]["mean"] for scores in variants]

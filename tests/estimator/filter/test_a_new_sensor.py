@@ -219,6 +219,11 @@ def test_what_cannot_be_a_sensor_is_refused(kind: type, name: str, message: str)
     uneven = type("Uneven", (Radar,), {"name": name, "components": ("one", "two")})()
     with pytest.raises(EstimatorError, match="one inflated state for each component"):
         register(kind, uneven)
+    far = type("Far", (Radar,), {"name": name, "inflated": (999,)})()
+    with pytest.raises(EstimatorError, match=r"inflated states are 0 to \d+, found \(999,\)"):
+        register(kind, far)
+    with pytest.raises(EstimatorError, match=r"a FixModel\(\) is needed"):
+        register(kind, Radar)
 
 
 def test_an_estimator_refuses_sensors_that_were_registered_after_it_was_made() -> None:

@@ -88,6 +88,11 @@ def test_a_robot_is_made_of_what_is_known():
         ({}, "vehicle"),
         ({"vehicle": {**VEHICLE, "track_guage": 1.0}}, "track_gauge"),
         ({"vehicle": VEHICLE, "imu": {"gyro_bias": 5.0}}, "gyro_bias"),
+        (
+            {"vehicle": VEHICLE, "imu": {"gyro_bias_sigma": 35.0}},
+            "gyro_bias_sigma must be in radians",
+        ),
+        ({"vehicle": VEHICLE, "tracks": {"scale_sigma": 5.0}}, "scale_sigma must be from 0 to 1"),
     ],
 )
 def test_what_is_wrong_is_named_at_once(tables: dict, message: str):

@@ -12,6 +12,7 @@ from icreckon import EstimatorError, PoseEstimator, TrackSpeedSeries, load_robot
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
+    HeightFix,
     ImuSample,
     PoseFix,
     PositionFix,
@@ -162,6 +163,8 @@ def test_numbers_of_any_kind_count_as_floats(number):
         (PositionFix(EPOCH, 0.0, -1e300, 1.0), "absurdly far"),
         (PositionFix(EPOCH, 0.0, 0.0, 1.0, 0.0, 1e4), "absurdly far"),
         (PoseFix(EPOCH, 1e300, 0.0, 0.0, np.eye(3)), "absurdly far"),
+        (PositionFix(EPOCH, 0.0, 0.0, 1.0, up=1e4), "absurdly far"),
+        (HeightFix(EPOCH, 1e160, 1.0), "absurdly far"),
         (PoseFix(EPOCH, math.nan, 1e300, 0.0, np.eye(3)), "not finite"),
     ],
 )
