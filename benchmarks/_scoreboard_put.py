@@ -20,6 +20,8 @@ BEFORE, UNDER, RTK, NEVER = "before", "under", "RTK", "never"
 """Fixes: until the fault begins; always, 5 cm at 1 Hz; 2 cm at 5 Hz; none."""
 MOVING, RESTING, POWER_UP = "moving", "resting", "power-up"
 """When the fault begins: on the move; within a rest of 10 s; before the first drive."""
+COUNT = 0.01
+"""Travel of a track per count of a coarse encoder [m]."""
 
 
 class Fault(NamedTuple):
@@ -124,6 +126,16 @@ def late_tracks(log: Log, begin: int, end: int, _: Generator) -> Log:
     for side in range(2):
         speeds[at, side] = np.interp(stamps[at] - SECOND // 5, stamps, log.tracks.speeds[:, side])
     return replace(log, tracks=TrackSpeedSeries(stamps, speeds))
+
+
+def counted(log: Log, begin: int, end: int, _: Generator) -> Log:
+    """Track speeds of an encoder with counts of `COUNT`: whole counts of each interval."""
+    stamps, found = log.tracks.stamps, log.tracks.speeds.copy()
+    at = hit(stamps, begin, end)
+    intervals = np.diff(stamps, prepend=0)[at, None] / SECOND
+    counts = np.floor(np.cumsum(found[at] * intervals, axis=0) / COUNT)
+    found[at] = COUNT * np.diff(counts, axis=0, prepend=0.0) / intervals
+    return replace(log, tracks=TrackSpeedSeries(stamps, found))
 
 
 def odd_wheel(log: Log, begin: int, end: int, rng: Generator) -> Log:
@@ -283,4 +295,5 @@ FAULTS: dict[str, Fault] = {
         places(lambda p, _, rng: p + 0.5 * rng.standard_normal(p.shape)), 30.0, UNDER, real=True
     ),
     "fixes wander by 5 m, 30 s": Fault(wandering(5.0, 60.0), 30.0, UNDER, real=True),
+    "encoders of 10 mm a count, 30 s": Fault(counted, 30.0, real=True),
 }

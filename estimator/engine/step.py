@@ -237,6 +237,7 @@ class Step:
             lane.input("gap_density"),
             lane.input("slide_x_density"),
             lane.input("slide_y_density"),
+            model.late_yaw_rate(now.by_speeds[2], self.change),
             lane.constant("dt"),
         )
 
@@ -280,8 +281,7 @@ class Step:
         rate = lane.input("rate")
         works = rate == rate  # NaN if the gyro fails
         z = select(works, rate, 0.0) - scale * now.twist[2] - lane.x[s.GYRO_BIAS]
-        interval = lane.constant("interval")
-        variance = model.gyro_variance(self.noise.gyro, interval, now.by_speeds[2], self.change)
+        variance = self.noise.gyro / lane.constant("interval")
         part = (scale, self.regressors[2])
         lane.gated(
             "gyro",

@@ -9,12 +9,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.motion.motion_model import TwistModel
 from icreckon.estimator.sensors.imu_noise import ImuNoise
 from icreckon.estimator.sensors.measurement_models import Linearised
-from icreckon.estimator.sensors.sensor_models import (
-    TrackChange,
-    accelerometer_forecast,
-    gyro_variance,
-    shift,
-)
+from icreckon.estimator.sensors.sensor_models import TrackChange, accelerometer_forecast, shift
 
 
 class StepTwist(NamedTuple):
@@ -40,9 +35,8 @@ def gyro(rate: float, at: StepTwist, turn: float) -> Linearised:
     H = scale * model.jacobian[2:]
     H[0, s.GYRO_BIAS] += 1.0
     H[0, s.GYRO_SCALE] += turn
-    variance = gyro_variance(at.noise.gyro, at.interval, model.by_speeds[2].tolist(), at.change)
     z = rate - scale * w - x.item(s.GYRO_BIAS)
-    return Linearised(np.array([z]), H, np.array([[variance]]))
+    return Linearised(np.array([z]), H, np.array([[at.noise.gyro / at.interval]]))
 
 
 def accelerometer(

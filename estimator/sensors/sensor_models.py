@@ -72,15 +72,12 @@ class SensorModels:
         return np.stack([_dot(row, angular_velocities.T) for row in self.mounting[:4]], axis=-1)
 
 
-def gyro_variance(density: float, interval: float, by_turning: Any, change: TrackChange) -> float:
-    """Variance of a gyro reading about the yaw rate of the motion model [rad²/s²].
+def late_yaw_rate(by_turning: Any, change: TrackChange) -> float:
+    """Error of the yaw rate by the tracks, whose speeds are averages of the time before [rad/s].
 
-    The gyro has a noise density [rad²/s] and an interval [s]; `by_turning` (2,) is the derivative of the
-    yaw rate by the track speeds.
+    `by_turning` (2,) is the derivative of the yaw rate by the track speeds.
     """
-    # The newest track speeds are averages of the time before, so they are late.
-    late = _along(by_turning, change.acceleration) * change.age
-    return density / interval + late * late
+    return _along(by_turning, change.acceleration) * change.age
 
 
 def accelerometer_forecast(

@@ -21,16 +21,18 @@ from icreckon.estimator.log.scores import drift
 
 UNAIDED = 30.0, 100.0  # time without fixes [s]
 COUNT = 0.0058  # hub motors with 90 counts a turn [m]
-SEEDS = range(4)
+SEEDS = range(8)
 
 
-def driven(robot: Robot, seed: int, count: float, variant: str) -> tuple[Log, Run]:
-    """Run over a drive with encoders of this resolution [m]."""
+def driven(
+    robot: Robot, seed: int, count: float, variant: str, rate: float = 50.0
+) -> tuple[Log, Run]:
+    """Run over a drive with encoders of this resolution [m], read at a rate [Hz]."""
     scenario = Scenario(
         duration=UNAIDED[1],
         seed=seed,
         fix_rate=1.0,
-        track_rate=50.0,
+        track_rate=rate,
         outages=(UNAIDED,),
         noise="industrial",
         trajectory="random",
@@ -46,10 +48,16 @@ def percent(log: Log, run: Run) -> float:
     return drift(run.trajectory.pose_series, log.truth.poses, 20.0, within=within).percent_mean
 
 
-@pytest.mark.parametrize("variant", ["gyro", "inertia-online"])
-def test_a_count_of_six_millimetres_costs_a_third_at_most(robot: Robot, variant: str) -> None:
+@pytest.mark.parametrize(
+    ("variant", "count", "rate"),
+    [("gyro", COUNT, 50.0), ("inertia-online", COUNT, 50.0), ("inertia-online", 0.02, 20.0)],
+)
+def test_coarse_encoders_cost_a_third_at_most(
+    robot: Robot, variant: str, count: float, rate: float
+) -> None:
     fine, coarse = (
-        [driven(robot, seed, count, variant) for seed in SEEDS] for count in (0.0, COUNT)
+        [driven(robot, seed, resolution, variant, rate) for seed in SEEDS]
+        for resolution in (0.0, count)
     )
     ends = []
     for log, run in coarse:
