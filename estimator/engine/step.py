@@ -115,9 +115,7 @@ class Step:
         self.smooth = step_input("smooth_left"), step_input("smooth_right")
         self.change = TrackChange(
             (step_input("acceleration_left"), step_input("acceleration_right")),
-            step_input("window"),
-            step_input("speed_variance"),
-            step_input("age"),
+            step_input("acceleration_variance"),
         )
         self.stands: Any = False
         self.pushed = step_input("slow") > 0.5
@@ -237,7 +235,7 @@ class Step:
             lane.input("gap_density"),
             lane.input("slide_x_density"),
             lane.input("slide_y_density"),
-            model.late_yaw_rate(now.by_speeds[2], self.change),
+            lane.input("late_density"),
             lane.constant("dt"),
         )
 

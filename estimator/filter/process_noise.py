@@ -15,8 +15,7 @@ from icreckon.estimator.base.choices import select
 from icreckon.estimator.log.measurements import Vector3
 from icreckon.estimator.robot.robot_file import Robot, Slip, slip_components
 from icreckon.estimator.sensors.held_tracks import TrackRecord
-from icreckon.estimator.sensors.sensor_models import late_yaw_rate
-from icreckon.estimator.sensors.step_inputs import StepInputs, track_change
+from icreckon.estimator.sensors.step_inputs import StepInputs
 
 PUSHED_W = 0.3  # yaw rate of a robot that is pushed with its tracks at rest [rad/s]
 FULL_TURNING = 0.1  # difference of track speeds from which parameters walk in full [m/s]
@@ -79,7 +78,7 @@ class Disturbances:
             inputs.gap_density,
             inputs.slide_x_density,
             inputs.slide_y_density,
-            late_yaw_rate(by_speeds[2], track_change(inputs)),
+            inputs.late_density,
             dt,
         )
         return np.array(density)
@@ -137,7 +136,7 @@ def fast_slip_density(
     gap_density: float,
     slide_x_density: float,
     slide_y_density: float,
-    late_w: float,
+    late_density: float,
     dt: float,
 ) -> tuple[Vector3, Vector3, Vector3]:
     """(3, 3) density of the fast slip; see `Disturbances.fast_slip_density`.
@@ -152,7 +151,7 @@ def fast_slip_density(
             of their half difference [m²/s].
         slide_x_density: density of the forward speed of a robot that slides or is carried [m²/s].
         slide_y_density: density of the speed to the left of a robot that is carried [m²/s].
-        late_w: error of the yaw rate over the step, as the track speeds are late [rad/s].
+        late_density: error density of the yaw rate by late track speeds [rad²/s].
         dt: length of the step [s].
     """
     x, y, w = by_speeds[0], by_speeds[1], by_speeds[2]
@@ -164,7 +163,7 @@ def fast_slip_density(
     yy = left_density * (y[0] * y[0]) + right_density * (y[1] * y[1])
     yy += gap_density * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP) + slide_y_density
     ww = left_density * (w[0] * w[0]) + right_density * (w[1] * w[1])
-    ww += 2.0 * white_time * (sigma_w * sigma_w) + late_w * late_w * dt
+    ww += 2.0 * white_time * (sigma_w * sigma_w) + late_density
     # Over the step, the gap adds no more to the variance of the yaw than `UNKNOWN_YAW`.
     gap_density_w = 2.0 * gap_density * (w[0] * w[0] + w[1] * w[1])
     ww += gap_density_w * (UNKNOWN_YAW / max(UNKNOWN_YAW, gap_density_w * dt))

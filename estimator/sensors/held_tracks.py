@@ -201,12 +201,14 @@ def is_hole(held: Clocked, stamp: int, hold: float) -> bool:
     return held.stamp != NEVER and (stamp - held.stamp) * NANOSECOND > hold
 
 
-def age_at(held: TrackRecord, now: int, hold: float) -> float:
-    """Age of the speeds at a stamp [ns], from their interval's middle, at most `hold`."""
-    if held.stamp == NEVER:
-        return 0.0
-    age = (now - held.stamp) * NANOSECOND + 0.5 * held.interval
-    return age if age < hold else hold
+def late_density(held: TrackRecord, start: int, end: int, settings: InputSettings) -> float:
+    """Error density of the yaw rate over a step [ns], since the track speeds are late [rad²/s].
+
+    Each is the average of the time before, and held for as long: in the mean, late by an interval.
+    """
+    change = (held.acceleration_right - held.acceleration_left) * held.interval
+    late = change / settings.track_width
+    return late * late * ((end - start) * NANOSECOND)
 
 
 def speeds_at(held: TrackRecord, now: int, hold_ns: int) -> tuple[float, float]:

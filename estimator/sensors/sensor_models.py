@@ -32,9 +32,7 @@ class TrackChange(NamedTuple):
     """Change of the track speeds, an input of IMU predictions."""
 
     acceleration: tuple[float, float]  # averaged, of the left and the right track [m/s²]
-    window: float  # averaging time of the acceleration [s]
-    speed_variance: float  # variance of each track's speed, from its sensor's noise [m²/s²]
-    age: float  # age of the track speeds, from the middle of their averaging interval [s]
+    variance: float  # variance of each, by the noise of the speeds [m²/s⁴]
 
 
 class SensorModels:
@@ -70,14 +68,6 @@ class SensorModels:
     def rates(self, angular_velocities: Floats) -> Floats:
         """Rates (..., 4) of gyro samples (..., 3) [rad/s], see `mounting`."""
         return np.stack([_dot(row, angular_velocities.T) for row in self.mounting[:4]], axis=-1)
-
-
-def late_yaw_rate(by_turning: Any, change: TrackChange) -> float:
-    """Error of the yaw rate by the tracks, whose speeds are averages of the time before [rad/s].
-
-    `by_turning` (2,) is the derivative of the yaw rate by the track speeds.
-    """
-    return _along(by_turning, change.acceleration) * change.age
 
 
 def accelerometer_forecast(
@@ -117,11 +107,10 @@ def accelerometer_forecast(
     turning = dw * lever
     late = (ACCELERATION_DOUBT * ACCELERATION_DOUBT) * (dv * dv + turning * turning)
     by_left, by_right = by_axis[0] + lever * by_turning[0], by_axis[1] + lever * by_turning[1]
-    noise = change.speed_variance * (by_left * by_left + by_right * by_right)
+    noise = change.variance * (by_left * by_left + by_right * by_right)
     predicted, by_across = dv + side * w * across + turning - w * w * along, side * w
     by_w = side * across - 2.0 * w * along
-    variance = white + late + noise / (change.window * change.window)
-    return Forecast(predicted, by_across, by_w, variance)
+    return Forecast(predicted, by_across, by_w, white + late + noise)
 
 
 def shift(row: Floats, x: Floats, since: Floats) -> float:

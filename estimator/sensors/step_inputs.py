@@ -9,9 +9,9 @@ from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, spin_density
 from icreckon.estimator.sensors.held_tracks import (
     ACCELERATION_AVERAGING,
     TrackRecord,
-    age_at,
     coarse_density,
     gap_density,
+    late_density,
     mean_decay,
     mean_speeds,
     stuck_density,
@@ -43,11 +43,10 @@ class StepInputs(NamedTuple):
     slide_y_density: float  # error density of the speed to the left of a carried robot [m²/s]
     turn_density: float  # error density of the yaw of a robot that may turn while it rests [rad²/s]
     creep_density: float  # density of its yaw rate that coarse encoders may hide [rad²/s]
+    late_density: float  # error density of the yaw rate by late track speeds [rad²/s]
     acceleration_left: float  # averaged acceleration of the left track [m/s²]
     acceleration_right: float  # averaged acceleration of the right track [m/s²]
-    window: float  # averaging time of the acceleration [s]
-    speed_variance: float  # variance of each track's speed, from its sensor's noise [m²/s²]
-    age: float  # age of the speeds at the start, from the middle of their interval [s]
+    acceleration_variance: float  # variance of each of these, by noise of the speeds [m²/s⁴]
     slow: float  # 1 if both tracks are slow enough for a standstill, else 0
     unknown: float  # 1 if the speed of a track is stale or from a stuck sensor, else 0
     rest_time: float  # time at rest since the robot last stood, at the newest quiet reading [s]
@@ -67,6 +66,7 @@ def step_inputs(
             still.stopped_since == NEVER or start - still.stopped_since < settings.duration_ns
         )
         track_noise = coarse if may_creep else 0.0
+    window = max(ACCELERATION_AVERAGING, held.interval)
     carried = carried_density(still, start, end)
     is_slow = max(abs(held.left), abs(held.right)) < settings.track_speed
     stale = gap_density(held, start, end, settings)
@@ -88,11 +88,10 @@ def step_inputs(
         carried,
         turn_density(still, start, end),
         creep_density(coarse, held.interval, settings),
+        late_density(held, start, end, settings),
         held.acceleration_left,
         held.acceleration_right,
-        max(ACCELERATION_AVERAGING, held.interval),
-        track_noise / held.interval,
-        age_at(held, start, settings.hold),
+        track_noise / (held.interval * window * window),
         1.0 if is_slow else 0.0,
         1.0 if stale + stuck_left + stuck_right > 0.0 else 0.0,
         still.rest_time,
@@ -109,4 +108,4 @@ def hidden_density(held: TrackRecord, settings: InputSettings) -> float:
 def track_change(inputs: StepInputs) -> TrackChange:
     """Change of the track speeds at the start of a step."""
     acceleration = inputs.acceleration_left, inputs.acceleration_right
-    return TrackChange(acceleration, inputs.window, inputs.speed_variance, inputs.age)
+    return TrackChange(acceleration, inputs.acceleration_variance)
