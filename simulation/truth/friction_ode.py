@@ -201,7 +201,7 @@ def integrate(
             _set_slope(gravity_on(p_x, p_y, pose[2]), states[k, YAW], slopes[k])
         if k + 1 == len(speeds):
             break
-        pressing = _pressing(ground, slopes[k])
+        weight = _pressing(ground, slopes[k])
         y = states[k + 1]
         y[:] = states[k]
         done = 0.0  # share of the way to the next grid point [-]
@@ -219,13 +219,13 @@ def integrate(
                 share = done + STAGE_TIMES[stage] * h / step
                 left, left_rate = _speed_at(speeds, speed_rates, k, 0, step, share)
                 right, right_rate = _speed_at(speeds, speed_rates, k, 1, step, share)
-                tips = _rates(vehicle, pressing, slopes[k], trial, (left, right), forces, rate)
+                tips = _rates(vehicle, weight, slopes[k], trial, (left, right), forces, rate)
                 if stage == 0:
                     if done == 0.0:
                         tipping[k] = tips
                     speed_rate, jacobian = (left_rate, right_rate), forces.jacobian
                     _rate_derivatives(
-                        vehicle, pressing, slopes[k], y, speed_rate, jacobian, by_state, by_time
+                        vehicle, slopes[k], y, speed_rate, jacobian, by_state, by_time
                     )
                     for row in range(SIZE):
                         for column in range(SIZE):
@@ -300,7 +300,7 @@ def _next_step(h: float, error: float) -> float:
 @compiled
 def _rates(
     vehicle: Vehicle,
-    pressing: Ground,
+    weight: float,
     slope: Floats,
     y: Floats,
     V: tuple[float, float],
@@ -309,21 +309,20 @@ def _rates(
 ) -> bool:
     """Compute the rates (6,) of the state, in place; return True if the vehicle tips.
 
-    `pressing` is from `_pressing`. `forces` is overwritten with the ground's forces and derivatives.
+    `weight` is from `_pressing`. `forces` is overwritten with the ground's forces and derivatives.
     """
     v_x, v_y, w = y[0], y[1], y[2]
     values, jacobian = forces.values, forces.jacobian
     values[:] = 0.0
     jacobian[:] = 0.0
-    q_right, q_forward = y[FORCE_RIGHT], y[FORCE_FORWARD]
-    loads, by_right, by_forward = forces.loads
-    tips = point_loads(pressing, q_right, q_forward, loads, by_right, by_forward)
-    add_track_forces(pressing, (v_x, v_y, w), V, forces.loads, values, jacobian)
+    ground, q_right, q_forward = vehicle.ground, y[FORCE_RIGHT], y[FORCE_FORWARD]
+    tips = point_loads(ground, weight, q_right, q_forward, forces.loads)
+    add_track_forces(ground, (v_x, v_y, w), V, forces.loads, values, jacobian)
     rate[FORCE_RIGHT] = (-values[0] - q_right) / vehicle.load_lag
     rate[FORCE_FORWARD] = (-values[1] - q_forward) / vehicle.load_lag
     rate[YAW] = w
-    x, y_CM, _ = pressing.centre
-    M, (g_right, g_forward) = pressing.mass, _in_body(slope, y[YAW])
+    x, y_CM, _ = ground.centre
+    M, (g_right, g_forward) = ground.mass, _in_body(slope, y[YAW])
     right = M * (w * (v_y + x * w) + g_right)
     forward = M * (w * (y_CM * w - v_x) + g_forward)
     f_x, f_y = values[0] + right, values[1] + forward
@@ -337,7 +336,6 @@ def _rates(
 @compiled
 def _rate_derivatives(
     vehicle: Vehicle,
-    pressing: Ground,
     slope: Floats,
     y: Floats,
     speed_rate: tuple[float, float],
@@ -348,8 +346,8 @@ def _rate_derivatives(
     """Compute derivatives of `_rates` by state (6, 6) and by time (6,), in place."""
     by_state[:] = 0.0
     v_x, v_y, w = y[0], y[1], y[2]
-    x, y_CM, _ = pressing.centre
-    M, (g_right, g_forward) = pressing.mass, _in_body(slope, y[YAW])
+    x, y_CM, _ = vehicle.ground.centre
+    M, (g_right, g_forward) = vehicle.ground.mass, _in_body(slope, y[YAW])
     for column in range(SIZE):
         right = forward = f_x = f_y = moment = 0.0
         if column == 0:
@@ -393,26 +391,11 @@ def _in_body(slope: Floats, yaw: float) -> tuple[float, float]:
 
 
 @compiled
-def _pressing(ground: Ground, slope: Floats) -> Ground:
-    """Contact pressed by the part of the weight that is square to the slope."""
+def _pressing(ground: Ground, slope: Floats) -> float:
+    """Part of the weight that is square to the slope [N]."""
     flat = ground.weight / ground.mass  # acceleration of gravity [m/s²]
     down = np.sqrt(max(flat * flat - slope[0] * slope[0] - slope[1] * slope[1], 0.0))
-    return Ground(
-        ground.x,
-        ground.y,
-        ground.share,
-        ground.even,
-        ground.half_gauge,
-        ground.outline,
-        ground.friction,
-        ground.rolling_resistance,
-        ground.shear_modulus,
-        ground.small,
-        ground.opposes_travel,
-        ground.mass,
-        ground.mass * down,
-        ground.centre,
-    )
+    return float(ground.mass * down)
 
 
 @compiled

@@ -7,17 +7,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from forces_of_tracks import track_forces
+from forces_of_tracks import steady_inertia, track_forces, vertical_loads
 from icreckon import Patch, Payload, SimulationError, Soil, load_robot
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist
 from icreckon.estimator.robot.robot_file import LOAD_LAG
-from icreckon.simulation.contact.contact import (
-    Body,
-    Contact,
-    equally_spaced,
-    steady_inertia,
-    vertical_loads,
-)
+from icreckon.simulation.contact.contact import Body, Contact, equally_spaced
 from icreckon.simulation.contact.contact_forces import mass_matrix
 from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.contact.steady_state import solve_steady
