@@ -21,7 +21,7 @@ from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec, InertialSpec
 from icreckon.simulation.truth.friction import FrictionTruth
 from icreckon.simulation.truth.kinematic import KinematicTruth
 from icreckon.simulation.truth.terrain import Patch, Payload, Terrain, refuse_idle_keys
-from icreckon.simulation.truth.true_motion import DEFAULT_SPREAD, TruthModel
+from icreckon.simulation.truth.true_motion import DEFAULT_SPREAD
 
 # Grid points per second of the true motion: a multiple of the IMU's rate, at least LOWEST_GRID, and
 # two for each IMU sample where HIGHEST_GRID allows.
@@ -36,7 +36,7 @@ Rate = Annotated[
 # A track or index that is off by more than its own size is another robot.
 Spread = Annotated[float, Bound("from 0 to 1 (relative: 0.15 is 15 %)", 0.0, 1.0)]
 # Truth models by name.
-TRUTHS: dict[str, type[FrictionTruth] | type[KinematicTruth]] = {
+TRUTHS: dict[str, type[FrictionTruth | KinematicTruth]] = {
     "friction": FrictionTruth,
     "kinematic": KinematicTruth,
 }
@@ -125,7 +125,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
                     f"found {start!r} to {end!r} s"
                 )
 
-    def make_truth(self) -> TruthModel:
+    def make_truth(self) -> FrictionTruth | KinematicTruth:
         """Make the truth model that moves the simulated robot.
 
         Raises:

@@ -86,7 +86,9 @@ class FrictionTruth:
     def run(
         self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
     ) -> TrueMotion:
-        """Simulate the motion; see `TruthModel.run`.
+        """Simulate the motion over a duration [s], with grid points at a rate [Hz].
+
+        `rng` draws the differences from the robot file, and slip.
 
         Raises:
             SimulationError: the vehicle cannot stand on its contact (with its payload), tips over,

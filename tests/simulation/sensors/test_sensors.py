@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from icreckon import EncoderSpec, FixSpec, Indices, InertialSpec, SimulationError, Slip, load_robot
+from icreckon import EncoderSpec, FixSpec, Indices, InertialSpec, SimulationError, load_robot
 from icreckon.estimator.base.frames import rotate
 from icreckon.simulation.base.sampling import EPOCH, sample_times, to_stamps
 from icreckon.simulation.drives.trajectories import make_trajectory
@@ -25,7 +25,7 @@ from sensor_readings import read_fixes, read_imu, read_tracks
 
 ALPHA = load_robot("auriga-alpha")
 IDEAL = msgspec.structs.replace(ALPHA, indices=Indices(epsilon_F=0.0))
-EXACT = KinematicTruth(spread=0.0, slip=Slip(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+EXACT = KinematicTruth(spread=0.0, slip_noise=0.0)
 SILENT = InertialErrors()
 NOMINAL = noise_preset("nominal")
 
