@@ -9,6 +9,7 @@ import numpy as np
 from icreckon.estimator.base.checks import Bound, NotNegative, Positive
 from icreckon.estimator.base.config import convert, read_toml
 from icreckon.estimator.base.errors import nearest_hint
+from icreckon.estimator.robot.robot_file import Robot
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.field_types import settle_types
 from icreckon.simulation.base.random_streams import check_whole
@@ -17,7 +18,15 @@ from icreckon.simulation.drives.trajectories import (
     trajectory_names,
     trajectory_options,
 )
-from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec, InertialSpec, noise_preset
+from icreckon.simulation.sensors.specs import (
+    EncoderSpec,
+    FixSpec,
+    InertialSpec,
+    SensorErrors,
+    SensorSpecs,
+    noise_preset,
+    sensor_errors,
+)
 from icreckon.simulation.truth.friction import FrictionTruth
 from icreckon.simulation.truth.kinematic import KinematicTruth
 from icreckon.simulation.truth.terrain import Patch, Payload, Terrain, refuse_idle_keys
@@ -184,6 +193,17 @@ def load_scenario(path: str | Path) -> Scenario:
         return scenario
     file = str(path.parent / scenario.trajectory_file)
     return msgspec.structs.replace(scenario, trajectory_file=file)
+
+
+def errors_of(scenario: Scenario, robot: Robot) -> SensorErrors:
+    """Errors of the sensors: those of the scenario, its noise preset, or the robot file."""
+    specs = SensorSpecs(
+        encoders=scenario.encoders,
+        gyro=scenario.gyro,
+        accelerometer=scenario.accelerometer,
+        fixes=scenario.fixes,
+    )
+    return sensor_errors(specs, scenario.noise, robot)
 
 
 def change_scenario(scenario: Scenario, changes: dict[str, Any], source: str) -> Scenario:

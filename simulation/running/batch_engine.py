@@ -21,8 +21,7 @@ from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.streaming.lost import loss_kinds, reason_of
 from icreckon.simulation.base.sampling import sample_times, to_stamps
 from icreckon.simulation.running import streaming_engine as study_streaming
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import encoder_errors, fix_errors, noise_preset
+from icreckon.simulation.scenario import Scenario, errors_of
 from icreckon.simulation.study.cells import Cell, Filter, Plan
 from icreckon.simulation.study.failures import RunScores
 from icreckon.simulation.study.statistics import (
@@ -48,7 +47,7 @@ def why_not(plan: Plan) -> str | None:
         reason = why_not_steps(*stamps)
         if reason is not None:
             return f"in cell {cell.index}, {reason}"
-        encoders = encoder_errors(cell.robot, scenario.encoders, noise_preset(scenario.noise))
+        encoders = errors_of(scenario, cell.robot).encoders
         if encoders.dropouts_per_hour > 0.0 and scenario.track_rate > scenario.imu_rate:
             return f"in cell {cell.index}, encoders with dropouts are faster than the IMU"
         lowest_rate = min(scenario.imu_rate, scenario.track_rate, scenario.fix_rate or np.inf)
@@ -117,7 +116,7 @@ def _stamps(scenario: Scenario) -> tuple[Stamps, Stamps, Stamps, Stamps]:
 def _schedule(cell: Cell) -> tuple[Stamps, Stamps, Steps, list[Segments]]:
     """Stamps of tracks and truth, steps, and scored segments of all runs of a cell."""
     tracks, imu, fixes, truth = _stamps(cell.scenario)
-    errors = fix_errors(cell.scenario.fixes, noise_preset(cell.scenario.noise))
+    errors = errors_of(cell.scenario, cell.robot).fixes
     steps = steps_of(tracks, imu, fixes, truth, heading=errors.heading_sigma is not None)
     begin, end = min(tracks[0], imu[0]), max(tracks[-1], imu[-1])
     segments = scored_segments(truth, cell.horizons, fixes, int(begin), int(end))
