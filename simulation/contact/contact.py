@@ -127,6 +127,9 @@ class ContactPoints(NamedTuple):
     x: Floats
     y: Floats
     weight: Floats
+    # Inverse (3, 3) of the weighted sums of products of 1, x, y over all points. Times (1, x, y) of the
+    # centre of pressure it is (a, b, c) of the planar loads.
+    even: Floats
 
 
 def equally_spaced(gauge: float, half_length: float, count: int) -> ContactGeometry:
@@ -148,7 +151,10 @@ def contact_points(geometry: ContactGeometry) -> ContactPoints:
     weights = np.repeat(weights, len(geometry.across))
     right = 0.5 * geometry.gauge + across
     x, y = np.concatenate([-right, right]), np.concatenate([along, along])
-    points = ContactPoints(x, y, np.concatenate([weights, weights]) / (2.0 * weights.sum()))
+    weights = np.concatenate([weights, weights]) / (2.0 * weights.sum())
+    basis = np.stack([np.ones_like(x), x, y])
+    even = np.asarray(np.linalg.inv((weights * basis) @ basis.T), dtype=float)
+    points = ContactPoints(x, y, weights, even)
     for values in points:
         values.setflags(write=False)  # cached, so all callers share these arrays
     return points
@@ -161,7 +167,6 @@ def ground(contact: Contact) -> Ground:
     soil, geometry, body = contact.soil, contact.geometry, contact.body
     return Ground(
         *contact_points(geometry),
-        _even_loads(geometry),
         0.5 * geometry.gauge,
         _outline(geometry),
         np.array([soil.coefficients, soil.coefficients]),
@@ -173,15 +178,6 @@ def ground(contact: Contact) -> Ground:
         body.weight,
         (body.x_CM, body.y_CM, body.z_CM),
     )
-
-
-@lru_cache(maxsize=64)
-def _even_loads(geometry: ContactGeometry) -> Floats:
-    """Inverse (3, 3) of the weighted sums of products of 1, x, y over all points."""
-    points = contact_points(geometry)
-    basis = np.stack([np.ones_like(points.x), points.x, points.y])
-    # Times (1, x, y) of the centre of pressure it is (a, b, c) of the planar loads.
-    return np.asarray(np.linalg.inv((points.weight * basis) @ basis.T), dtype=float)
 
 
 def _outline(geometry: ContactGeometry) -> tuple[float, float, float]:

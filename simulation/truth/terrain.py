@@ -31,19 +31,11 @@ HEAVIEST = 1e6  # heaviest payload [kg]
 PATCH_WIDTH = 13  # numbers of a patch in the equations; `surface_kernel` lists them
 
 
-class Needs(NamedTuple):
-    """Keys of `[terrain]` of which another key needs one."""
-
-    keys: tuple[str, ...]  # the keys
-    without: str  # what the ground is without them
-
-
+# Keys of `[terrain]` of which each needs one of others, and what the ground is without them.
 NEEDS = {
-    "uphill_deg": Needs(
-        ("slope_deg", "rolling_deg", "kerb_height"), "level ground has no direction"
-    ),
-    "wavelength": Needs(("rolling_deg",), "the ground does not roll"),
-    "kerb_every": Needs(("kerb_height",), "there are no kerbs"),
+    "uphill_deg": (("slope_deg", "rolling_deg", "kerb_height"), "level ground has no direction"),
+    "wavelength": (("rolling_deg",), "the ground does not roll"),
+    "kerb_every": (("kerb_height",), "there are no kerbs"),
 }
 
 
