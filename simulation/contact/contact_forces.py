@@ -259,21 +259,6 @@ def add_steady_balance(
 
 
 @compiled
-def mass_matrix(mass: float, x_CM: float, y_CM: float, yaw_inertia: float) -> Floats:
-    """Mass matrix (3, 3) about the origin of v_x, v_y, w.
-
-    Of a mass [kg] at (x_CM, y_CM) right and forward of the origin [m], with a moment of inertia about the
-    vertical through it [kg m²].
-    """
-    matrix = np.zeros((3, 3))
-    matrix[0, 0] = matrix[1, 1] = mass
-    matrix[0, 2] = matrix[2, 0] = -mass * y_CM
-    matrix[1, 2] = matrix[2, 1] = mass * x_CM
-    matrix[2, 2] = yaw_inertia + mass * (x_CM * x_CM + y_CM * y_CM)
-    return matrix
-
-
-@compiled
 def solve_3(matrix: Any, right_hand_side: Any, solution: Any) -> bool:
     """Solve a 3 by 3 system by cofactors; if it is singular, set zero, return False."""
     a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]

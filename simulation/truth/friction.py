@@ -5,6 +5,7 @@ points (`icreckon.simulation.contact.contact`) move the body, with the robot's i
 terrain and payload. Its steady motion is that of `icreckon.simulation.contact.steady_state`.
 """
 
+import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple
@@ -19,7 +20,7 @@ from icreckon.estimator.base.frames import paper_to_rep103, rotate
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import LOAD_LAG, Robot
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.contact.contact import Contact, ground
+from icreckon.simulation.contact.contact import Body, Contact, ground
 from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.drives.trajectories import Command
 from icreckon.simulation.truth.terrain import (
@@ -159,7 +160,6 @@ def drive(
     Raises:
         SimulationError: the loaded vehicle cannot stand, or the integration fails.
     """
-    from icreckon.simulation.contact.contact_forces import mass_matrix
     from icreckon.simulation.truth import friction_ode as ode
 
     count = len(speeds)
@@ -184,8 +184,7 @@ def drive(
             ) from error
         scales = np.array([SMALL_VELOCITY] * 3 + [SMALL_LOAD * body.weight] * 2 + [SMALL_YAW])
         span = slice(first, last + 1)
-        mass = mass_matrix(body.mass, body.x_CM, body.y_CM, inertia)
-        inverse_mass = np.asarray(np.linalg.inv(mass), float)
+        inverse_mass = np.asarray(np.linalg.inv(mass_matrix(body, inertia)), float)
         vehicle = ode.Vehicle(ground(loaded_contact), inverse_mass, load_lag)
         grid = (np.ascontiguousarray(values[span]) for values in (speeds, speed_rates))
         tracks = ode.DrivenTracks(first * step, step, *grid)
@@ -200,6 +199,18 @@ def drive(
     return Drive(states[:, :3], states[:, 3:5], slopes, tipping)
 
 
+def mass_matrix(body: Body, yaw_inertia: float) -> Floats:
+    """Mass matrix (3, 3) about the origin of v_x, v_y, w.
+
+    The moment of inertia is about the vertical through the centre of mass [kg m²].
+    """
+    mass, x, y = body.mass, body.x_CM, body.y_CM
+    about_origin = yaw_inertia + mass * (x * x + y * y)
+    return np.array(
+        [[mass, 0.0, -mass * y], [0.0, mass, mass * x], [-mass * y, mass * x, about_origin]]
+    )
+
+
 def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats, Floats]:
     """Track speeds (n, 2) [m/s] with a first-order lag behind commands, and rates.
 
@@ -207,11 +218,15 @@ def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats,
     """
     if time_constant <= 0.0:
         return commands, np.gradient(commands, step, axis=0)
-    from icreckon.simulation.truth.friction_ode import lag
+    from scipy.signal import lfilter
 
-    speeds = np.empty_like(commands)
-    speeds[0] = commands[0]
-    lag(np.ascontiguousarray(commands), step, time_constant, speeds)
+    decay = math.exp(-step / time_constant)
+    share = (1.0 - decay) * time_constant / step
+    of_newer, of_older = 1.0 - share, share - decay
+    # The filter begins in the steady state of the first command.
+    before = decay * commands[:1] + of_older * commands[:1]
+    behind, _ = lfilter([of_newer, of_older], [1.0, -decay], commands[1:], axis=0, zi=before)
+    speeds = np.concatenate([commands[:1], behind])
     return speeds, (commands - speeds) / time_constant
 
 

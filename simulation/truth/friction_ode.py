@@ -137,24 +137,6 @@ class Tolerance(NamedTuple):
 
 
 @compiled
-def lag(commands: Floats, step: float, time_constant: float, speeds: Floats) -> None:
-    """Compute speeds (n, 2) behind commands (n, 2) with a first-order lag, in place.
-
-    Commands are linear between samples. The first row of the speeds is the initial value.
-    """
-    if speeds.shape != commands.shape or commands.shape[1] != 2:
-        raise ValueError(WRONG_SIZE)
-    decay = np.exp(-step / time_constant)
-    share = (1.0 - decay) * time_constant / step
-    for k in range(1, len(commands)):
-        for side in range(2):
-            before, after = commands[k - 1, side], commands[k, side]
-            speeds[k, side] = (
-                decay * speeds[k - 1, side] + (share - decay) * before + (1.0 - share) * after
-            )
-
-
-@compiled
 def integrate(
     vehicle: Vehicle,
     surface: Surface,
