@@ -23,7 +23,7 @@ class Block(Protocol):
 
     def __call__(
         self, cell: Cell, filters: Sequence[Filter], first_run: int, count: int
-    ) -> dict[str, RunScores]:
+    ) -> RunScores:
         """Compute the statistics of the runs.
 
         Random numbers are those of `icreckon.simulation.base.random_streams` by the study's seed and the
@@ -31,7 +31,7 @@ class Block(Protocol):
         paired, run by run.
 
         Returns:
-            Label of the filter -> statistics (count, n) of the runs, and reasons of those that failed.
+            Statistics (filters, count, n) of the runs, and reasons of those that failed.
         """
 
 

@@ -26,8 +26,8 @@ from icreckon.simulation.scenario import Scenario, errors_of
 from icreckon.simulation.sensors.specs import FixSpec
 from icreckon.simulation.simulate import Perfect, drive, measured, perfect, truth_of
 from icreckon.simulation.study.cells import Cell, Filter
-from icreckon.simulation.study.failures import RunScores
-from icreckon.simulation.study.statistics import run_statistics, score_times, statistics
+from icreckon.simulation.study.failures import RunScores, unscored
+from icreckon.simulation.study.statistics import run_statistics, score_times
 
 # Truths kept in memory: enough for a few concurrent blocks; cells that share them are consecutive.
 KEPT_TRUTHS = 160
@@ -40,26 +40,21 @@ SENSED = (
 )  # keys that error-free readings lack
 
 
-def block(
-    cell: Cell, filters: Sequence[Filter], first_run: int, count: int
-) -> dict[str, RunScores]:
+def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> RunScores:
     """Statistics of some runs; see `icreckon.simulation.running.engines.Block`."""
-    width = len(statistics(cell.horizons))
-    values = {spec.label: np.full((count, width), np.nan) for spec in filters}
-    reasons: dict[str, list[str]] = {spec.label: [] for spec in filters}
+    scores = unscored(len(filters), count, cell.horizons)
     for row in range(count):
         log = study_log(cell, first_run + row)
         times = score_times(cell.scenario)
         measured = replace(log, truth=None)
-        for spec in filters:
+        for place, spec in enumerate(filters):
             try:
                 result = _run(measured, spec, times)
             except LostFilter as lost:
-                reasons[spec.label].append(lost.reason)
-                continue
-            reasons[spec.label].append("")
-            values[spec.label][row] = run_statistics(result, log, cell.horizons)
-    return {label: RunScores(values[label], tuple(reasons[label])) for label in values}
+                scores.reasons[place, row] = lost.reason
+            else:
+                scores.values[place, row] = run_statistics(result, log, cell.horizons)
+    return scores
 
 
 @np.errstate(all="ignore")

@@ -43,8 +43,7 @@ STUDY = Study(
 def stubbed(study):
     plan = expand(study)
     blocks = [study_stub.block(cell, cell.filters, 0, study.runs) for cell in plan.cells]
-    values = np.array([[block[label].values for block in blocks] for label in plan.labels])
-    return Runs(plan, values)
+    return Runs(plan, np.stack([block.values for block in blocks], axis=1))
 
 
 @pytest.fixture(scope="module")
