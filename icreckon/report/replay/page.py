@@ -27,6 +27,7 @@ Section = tuple[str, str, list[Table]]  # section of the page: its title, a note
 def replay_page(results: Results) -> str:
     """Render the page as HTML."""
     dropped, series = results["log"]["dropped"], results["series"]
+    vehicle, times = results["robot"]["vehicle"], series["t_s"]
     return render(
         "replay.html",
         title=page_text.page_title(results),
@@ -39,8 +40,12 @@ def replay_page(results: Results) -> str:
         switches=switches(results),
         results=results,
         scored=_scored(results),
-        drive_note=_drive_note(results),
-        half_gauge=number(0.5 * results["robot"]["vehicle"]["track_gauge"]),
+        number=number,
+        vehicle=vehicle,
+        has_wheels=has_wheels(vehicle),
+        # A length other than the default was set in the file.
+        is_default_length=vehicle["half_contact_length"] == DEFAULT_HALF_LENGTH,
+        row_every=(times[-1] - times[0]) / max(1, len(times) - 1),
         # Each variant has the times, under "t_s", also without parameters.
         learns=any(len(variant["parameters"]) > 1 for variant in series["variants"].values()),
         constant=_constant_table(results),
@@ -133,29 +138,6 @@ def _score_table(results: Results, columns: Sequence[Column]) -> Table:
     ]
     headings = [heading.replace("\n", ", ") for heading, _, _ in columns]
     return Table("", ["variant", *headings], rows)
-
-
-def _drive_note(results: Results) -> str:
-    """Explain the drawing of the robot on its path: sizes, ICRs, interval of the rows."""
-    vehicle = results["robot"]["vehicle"]
-    half_length = vehicle["half_contact_length"]
-    # A length other than the default was set in the file.
-    origin = "assumed: the default" if half_length == DEFAULT_HALF_LENGTH else "not measured here"
-    name = "wheelbase" if has_wheels(vehicle) else "contact length"
-    length = f"{name} {number(2.0 * half_length)} m ({origin})"
-    rings = ""
-    if "icr_distance_m" in results["series"].get("truth", {}):
-        rings = " Rings: where the ICRs truly are, while the robot turns."
-    times = results["series"]["t_s"]
-    step = (times[-1] - times[0]) / max(1, len(times) - 1)
-    return (
-        f"Drawn to scale, by the robot file: track gauge {number(vehicle['track_gauge'])} m, {length}; "
-        f"the width of the {'wheels' if has_wheels(vehicle) else 'tracks'} is not. The ICR of a track is "
-        "the point where its tread would not slide over the ground. Without slip it lies on the "
-        "track; the farther out both lie, the more turning is lost. Dots: their last 6 s. Line: the last "
-        f"8 s of the path.{rings} Lateral acceleration is speed times yaw rate. The page has a row of "
-        f"the log every {number(step)} s."
-    )
 
 
 def _constant_table(results: Results) -> Table | None:
