@@ -82,7 +82,6 @@ class FrictionTruth:
     terrain: Terrain | None = None  # shape of the ground; None for level ground
     patches: tuple[Patch, ...] = ()  # ground that differs along the path
     payloads: tuple[Payload, ...] = ()  # loads along the path
-    tolerance: float = TOLERANCE  # relative error allowed per integration step
 
     def run(
         self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
@@ -115,7 +114,6 @@ class FrictionTruth:
             patches=self.patches,
             payloads=self.payloads,
             load_lag=robot.vehicle.load_lag,
-            tolerance=self.tolerance,
             slip=slip,
         )
         if driven.tipping.any():
