@@ -1,6 +1,5 @@
 """`icreckon calibrate`: calibration of a robot from logs with a truth."""
 
-from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Annotated
@@ -139,8 +138,7 @@ def command(
         if ros is not None:
             settings = ros_settings(calibrated_logs, calibrated, source=_origin(calibration))
             write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
-        table = partial(calibration_tables, summary)
-        show(folder / RESULTS_FILE, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
+        show(folder, calibration_tables, summary, WIDE_FROM, as_json=as_json, wide=wide)
 
 
 def _origin(calibration: Calibration) -> str:

@@ -4,7 +4,6 @@ import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
@@ -155,8 +154,7 @@ def command(
         else:
             summary = _many(_labelled(drives, files_of, robots), folder, configuration)
             failed = many_failures(summary)
-            table = partial(many_tables, summary)
-            show(folder / RESULTS_FILE, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
+            show(folder, many_tables, summary, WIDE_FROM, as_json=as_json, wide=wide)
     exit_if_failed(failed)
 
 

@@ -31,13 +31,8 @@ from icreckon.simulation.study.statistics import run_statistics, score_times
 
 # Truths kept in memory: enough for a few concurrent blocks; cells that share them are consecutive.
 KEPT_TRUTHS = 160
-SENSED = (
-    "noise",
-    "outages",
-    "encoders",
-    "gyro",
-    "accelerometer",
-)  # keys that error-free readings lack
+# Keys that error-free readings lack.
+SENSED = ("noise", "outages", "encoders", "gyro", "accelerometer")
 
 
 def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> RunScores:
