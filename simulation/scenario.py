@@ -197,13 +197,8 @@ def load_scenario(path: str | Path) -> Scenario:
 
 def errors_of(scenario: Scenario, robot: Robot) -> SensorErrors:
     """Errors of the sensors: those of the scenario, its noise preset, or the robot file."""
-    specs = SensorSpecs(
-        encoders=scenario.encoders,
-        gyro=scenario.gyro,
-        accelerometer=scenario.accelerometer,
-        fixes=scenario.fixes,
-    )
-    return sensor_errors(specs, scenario.noise, robot)
+    specs = {name: getattr(scenario, name) for name in SensorSpecs.__struct_fields__}
+    return sensor_errors(SensorSpecs(**specs), scenario.noise, robot)
 
 
 def change_scenario(scenario: Scenario, changes: dict[str, Any], source: str) -> Scenario:

@@ -461,10 +461,8 @@ class OdometryNode:
                 for name, types in self.node.get_topic_names_and_types()
                 if name not in own and self.node.count_publishers(name)
             }
-            topic, fitting = (
-                self.node.resolve_topic_name(subscription.topic),
-                inputs.fitting_types(subscription),
-            )
+            topic = self.node.resolve_topic_name(subscription.topic)
+            fitting = inputs.fitting_types(subscription)
             self._warn(silent_topic(subscription.purpose, topic, fitting, others, waited))
         self._silent.clear()
 

@@ -40,8 +40,7 @@ class Runs:
 
     plan: Plan  # the study
     values: Floats  # (filters, cells, runs, statistics); NaN for failed runs
-    # (filters, cells, runs) reasons of failed runs, empty for others; None if none failed
-    reasons: Any = None
+    reasons: Any  # (filters, cells, runs) reasons of failed runs, as text; empty for others
 
     @property
     def motions(self) -> Any:
@@ -147,7 +146,7 @@ def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
 
 def _failed(runs: Runs) -> dict[str, Any]:
     """Failed runs: their number of all runs, with cells and reasons."""
-    failures = [] if runs.reasons is None else failures_of(runs.reasons, runs.plan.labels)
+    failures = failures_of(runs.reasons, runs.plan.labels)
     return {
         "runs": sum(failure["runs"] for failure in failures),
         "of": math.prod(runs.values.shape[:3]),
