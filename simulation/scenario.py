@@ -196,7 +196,7 @@ def load_scenario(path: str | Path) -> Scenario:
 
 
 def errors_of(scenario: Scenario, robot: Robot) -> SensorErrors:
-    """Errors of the sensors: those of the scenario, its noise preset, or the robot file."""
+    """Errors of the sensors: by the scenario, its noise preset, or the robot file."""
     specs = {name: getattr(scenario, name) for name in SensorSpecs.__struct_fields__}
     return sensor_errors(SensorSpecs(**specs), scenario.noise, robot)
 

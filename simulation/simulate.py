@@ -148,7 +148,7 @@ def perfect(motion: TrueMotion, scenario: Scenario, robot: Robot) -> Perfect:
 def measured(
     true: Perfect, truth: Truth | None, scenario: Scenario, robot: Robot, run_index: int
 ) -> tuple[Log, Imu]:
-    """Log of a run, and its IMU: error-free readings with the sensor errors of a scenario.
+    """Log of a run, and its IMU: error-free readings with the errors of a scenario.
 
     Args:
         true: error-free readings.

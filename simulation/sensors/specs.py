@@ -165,7 +165,7 @@ def noise_preset(name: str) -> SensorSpecs:
 
 
 def sensor_errors(specs: SensorSpecs, noise: str, robot: Robot) -> SensorErrors:
-    """Errors of all sensors from specifications, a preset (by name), and the robot file."""
+    """Errors of all sensors from specifications, a preset (name), and the robot file."""
     preset, tracks, imu = noise_preset(noise), robot.tracks, robot.imu
     of_encoders = EncoderSpec(
         speed_noise_density=tracks.speed_noise_density, scale_sigma=tracks.scale_sigma

@@ -76,7 +76,7 @@ def look_up(
 
 @compiled
 def gradient(surface: Surface, x: float, y: float) -> tuple[float, float]:
-    """Gradient (p_x, p_y) of the height at x, y [m]; u and v are the axes of `Surface`."""
+    """Gradient (p_x, p_y) of the height at x, y [m]; u, v are the axes of `Surface`."""
     cos, sin = surface.direction
     u, v = cos * x + sin * y, cos * y - sin * x
     number, (u_phase, v_phase, _) = surface.wave_number, surface.phases

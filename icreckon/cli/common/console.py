@@ -94,7 +94,7 @@ def print_banner(notes: Sequence[str]) -> None:
 def print_fitting(
     table: Callable[..., RenderableType], data: Any, wide_from: int, *, wide: bool
 ) -> None:
-    """Print the columns of a table of data that fit the terminal; if `wide`, all columns.
+    """Print the columns of a table that fit the terminal; with `wide`, all columns.
 
     All columns need `wide_from` characters. On a narrower terminal, `table` is called with its width as
     `narrow`, and omits columns; otherwise `narrow` is 0.
