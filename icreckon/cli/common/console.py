@@ -40,6 +40,7 @@ UNMAPPED = (
     "cannot create shared object descriptor",
 )
 LONGEST_LINE = 2000  # most characters of an error; names from a file may be of any length
+MakeTable = Callable[..., RenderableType]  # from data and the argument `narrow`
 
 
 class _PlainConsole(Console):
@@ -91,9 +92,7 @@ def print_banner(notes: Sequence[str]) -> None:
         results().print(Text(note, style="bold yellow"))
 
 
-def print_fitting(
-    table: Callable[..., RenderableType], data: Any, wide_from: int, *, wide: bool
-) -> None:
+def print_fitting(table: MakeTable, data: Any, wide_from: int, *, wide: bool) -> None:
     """Print the columns of a table that fit the terminal; with `wide`, all columns.
 
     All columns need `wide_from` characters. On a narrower terminal, `table` is called with its width as
@@ -107,13 +106,7 @@ def print_fitting(
 
 
 def show(
-    folder: Path,
-    table: Callable[..., RenderableType],
-    data: Any,
-    wide_from: int,
-    *,
-    as_json: bool,
-    wide: bool,
+    folder: Path, table: MakeTable, data: Any, wide_from: int, *, as_json: bool, wide: bool
 ) -> None:
     """Print the results.json of a folder, or the table of it that fits the terminal."""
     from icreckon.report.replay.folder import RESULTS_FILE

@@ -312,9 +312,13 @@ def _first_reason(failed: Sequence[dict[str, Any]]) -> str:
 
 def _with_interval(summary: dict[str, Any], key: str) -> str:
     """Format the "mean" or the "ratio" of a summary, with its 95 % interval."""
-    if not is_finite(summary[key]):
+    value, low, high = (summary[f"{key}{end}"] for end in ("", "_low", "_high"))
+    if not is_finite(value):
         return NO_VALUE
-    return f"{_number(summary[key])} ({_between(summary, key)})"
+    if not (is_finite(low) and is_finite(high)):
+        return f"{_number(value)} (one true motion)"  # whose runs show no spread of the means
+    decimals = _number_format(value)
+    return f"{_number(value)} ({low:{decimals}} to {high:{decimals}})"
 
 
 def _with_factor(summary: dict[str, Any], key: str) -> str:
@@ -323,15 +327,6 @@ def _with_factor(summary: dict[str, Any], key: str) -> str:
     if not (is_finite(value) and is_finite(high) and value > 0.0):
         return _number(value) if is_finite(value) else NO_VALUE
     return f"{_number(value)} ×/÷ {high / value:.2f}"
-
-
-def _between(summary: dict[str, Any], key: str) -> str:
-    """Format an interval with the decimals of its estimate."""
-    low, high = summary[f"{key}_low"], summary[f"{key}_high"]
-    if not (is_finite(low) and is_finite(high)):
-        return "one true motion"  # whose runs show no spread of the means
-    decimals = _number_format(summary[key])
-    return f"{low:{decimals}} to {high:{decimals}}"
 
 
 def _number(value: float | None) -> str:
