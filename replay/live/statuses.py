@@ -92,28 +92,20 @@ class LiveStatuses:
         }
         if frame == "map" and health.wander is not None:
             details["wander_of_fixes_m"] = health.wander.text
-        text = f"sigma {position:.2f} m, {yaw:.2f} deg"
-        status = DiagnosticStatus(OK, name, text, details)
-        return self._with_changes(frame, status, estimator)
-
-    def _with_changes(
-        self, frame: str, status: DiagnosticStatus, estimator: PoseEstimator
-    ) -> DiagnosticStatus:
-        """Status of an estimate, with faults of the tracks since the last report."""
-        health, stamp = estimator.health, estimator.stamp or 0
-        now = stamp, health.track_gaps, health.times.get("stuck", 0)
+        level, text = OK, f"sigma {position:.2f} m, {yaw:.2f} deg"
+        # Faults of the tracks since the last report.
+        now = estimator.stamp, health.track_gaps, health.times.get("stuck", 0)
         before = self._estimates.get(frame, (-1, 0, 0))
         self._estimates[frame] = now
-        if now == before:
-            text = f"no estimate since the last report; {status.message}"
-            return status._replace(level=STALE, message=text)
         (_, gaps, stuck), (_, gaps_before, stuck_before) = now, before
-        text = status.message
+        if now == before:
+            level, text = STALE, f"no estimate since the last report; {text}"
         if gaps > gaps_before:
-            text += "; a gap in the track speeds was bridged"
+            level, text = WARN, f"{text}; a gap in the track speeds was bridged"
         if stuck > stuck_before:
+            level = WARN
             text += "; the sensor of a track repeats its reading and is not trusted"
-        return status if text == status.message else status._replace(level=WARN, message=text)
+        return DiagnosticStatus(level, name, text, details)
 
     def _never_heard(self) -> list[DiagnosticStatus]:
         """Status of an IMU from which nothing has come, though the robot is reckoned."""
