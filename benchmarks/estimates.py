@@ -191,8 +191,9 @@ def of_study(name: str) -> Figures:
     """Two runs of the first and of the last cell of a study, side by side."""
     plan, found = expand(load_study(name)), {}
     for cell in (plan.cells[0], plan.cells[-1]):
-        for label, scores in ENGINES["batch"].block(cell, cell.filters, 0, 2).items():
-            found[f"{cell.index} | {label}"] = np.nan_to_num(scores.values).ravel().tolist()
+        scores = ENGINES["batch"].block(cell, cell.filters, 0, 2)
+        for label, values in zip(plan.labels, scores.values, strict=True):
+            found[f"{cell.index} | {label}"] = np.nan_to_num(values).ravel().tolist()
     return found
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from icreckon.estimator.base.checks import Bound, NotNegative, Positive
 from icreckon.estimator.base.config import convert, read_toml
 from icreckon.estimator.base.errors import nearest_hint
+from icreckon.estimator.robot.robot_file import Robot
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.field_types import settle_types
 from icreckon.simulation.base.random_streams import check_whole
@@ -17,11 +18,19 @@ from icreckon.simulation.drives.trajectories import (
     trajectory_names,
     trajectory_options,
 )
-from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec, InertialSpec, noise_preset
+from icreckon.simulation.sensors.specs import (
+    EncoderSpec,
+    FixSpec,
+    InertialSpec,
+    SensorErrors,
+    SensorSpecs,
+    noise_preset,
+    sensor_errors,
+)
 from icreckon.simulation.truth.friction import FrictionTruth
 from icreckon.simulation.truth.kinematic import KinematicTruth
 from icreckon.simulation.truth.terrain import Patch, Payload, Terrain, refuse_idle_keys
-from icreckon.simulation.truth.true_motion import DEFAULT_SPREAD, TruthModel
+from icreckon.simulation.truth.true_motion import DEFAULT_SPREAD
 
 # Grid points per second of the true motion: a multiple of the IMU's rate, at least LOWEST_GRID, and
 # two for each IMU sample where HIGHEST_GRID allows.
@@ -36,7 +45,7 @@ Rate = Annotated[
 # A track or index that is off by more than its own size is another robot.
 Spread = Annotated[float, Bound("from 0 to 1 (relative: 0.15 is 15 %)", 0.0, 1.0)]
 # Truth models by name.
-TRUTHS: dict[str, type[FrictionTruth] | type[KinematicTruth]] = {
+TRUTHS: dict[str, type[FrictionTruth | KinematicTruth]] = {
     "friction": FrictionTruth,
     "kinematic": KinematicTruth,
 }
@@ -125,7 +134,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
                     f"found {start!r} to {end!r} s"
                 )
 
-    def make_truth(self) -> TruthModel:
+    def make_truth(self) -> FrictionTruth | KinematicTruth:
         """Make the truth model that moves the simulated robot.
 
         Raises:
@@ -184,6 +193,12 @@ def load_scenario(path: str | Path) -> Scenario:
         return scenario
     file = str(path.parent / scenario.trajectory_file)
     return msgspec.structs.replace(scenario, trajectory_file=file)
+
+
+def errors_of(scenario: Scenario, robot: Robot) -> SensorErrors:
+    """Errors of the sensors: by the scenario, its noise preset, or the robot file."""
+    specs = {name: getattr(scenario, name) for name in SensorSpecs.__struct_fields__}
+    return sensor_errors(SensorSpecs(**specs), scenario.noise, robot)
 
 
 def change_scenario(scenario: Scenario, changes: dict[str, Any], source: str) -> Scenario:

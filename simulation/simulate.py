@@ -7,13 +7,7 @@ from typing import NamedTuple
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import (
-    FixSeries,
-    PoseSeries,
-    TrackSpeedSeries,
-    Truth,
-    TwistSeries,
-)
+from icreckon.estimator.log.series import PoseSeries, TrackSpeedSeries, Truth, TwistSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.random_streams import Streams, random_streams
@@ -21,17 +15,10 @@ from icreckon.simulation.base.sampling import sample_times, to_stamps
 from icreckon.simulation.drives.recorded import read_recording
 from icreckon.simulation.drives.smooth_speeds import STANDSTILL
 from icreckon.simulation.drives.trajectories import make_trajectory
-from icreckon.simulation.scenario import Scenario, grid_rate
+from icreckon.simulation.scenario import Scenario, errors_of, grid_rate
 from icreckon.simulation.sensors.encoders import with_encoder_errors
 from icreckon.simulation.sensors.fixes import measured_pose_times, with_fix_errors
 from icreckon.simulation.sensors.imu import Imu, perfect_readings, with_inertial_errors
-from icreckon.simulation.sensors.specs import (
-    accelerometer_errors,
-    encoder_errors,
-    fix_errors,
-    gyro_errors,
-    noise_preset,
-)
 from icreckon.simulation.truth.true_motion import TrueMotion
 
 
@@ -53,14 +40,6 @@ class Perfect(NamedTuple):
     # angular velocities (m, 3) [rad/s] and specific forces (m, 3) [m/s²] in the IMU's axes
     imu: tuple[Floats, Floats]
     fixes: Floats  # (k, 3) poses [m, m, rad], those of outages included
-
-
-class Sensed(NamedTuple):
-    """Sensor readings: track speeds, IMU, and fixes if the scenario has any."""
-
-    tracks: TrackSpeedSeries
-    imu: Imu
-    fixes: FixSeries | None
 
 
 def simulate(
@@ -105,18 +84,11 @@ def run_scenario(
         raise SimulationError(f"{robot!r} is no Robot; load it with load_robot({robot!r})")
     streams = random_streams(scenario.seed, run_index)
     motion = drive(scenario, robot, streams, recording=recording)
-    read = sensed(perfect(motion, scenario, robot), scenario, robot, streams)
     truth = None
     if scenario.include_truth:
         truth = truth_of(motion, sample_times(scenario.duration, scenario.truth_rate))
-    log = Log(
-        name=f"{robot.name} {scenario.trajectory} seed {scenario.seed} run {run_index}",
-        tracks=read.tracks,
-        imu=read.imu.series,
-        fixes=read.fixes,
-        truth=truth,
-    )
-    return Simulation(scenario, log, motion, read.imu.gyro_bias, read.imu.accelerometer_bias)
+    log, imu = measured(perfect(motion, scenario, robot), truth, scenario, robot, run_index)
+    return Simulation(scenario, log, motion, imu.gyro_bias, imu.accelerometer_bias)
 
 
 def drive(
@@ -165,7 +137,7 @@ def drive(
 def perfect(motion: TrueMotion, scenario: Scenario, robot: Robot) -> Perfect:
     """Error-free readings of a true motion at the sample times of a scenario."""
     duration, imu_rate = scenario.duration, scenario.imu_rate
-    errors = fix_errors(scenario.fixes, noise_preset(scenario.noise))
+    errors = errors_of(scenario, robot).fixes
     return Perfect(
         motion.mean_track_speeds(sample_times(duration, scenario.track_rate)),
         perfect_readings(motion, sample_times(duration, imu_rate), imu_rate, robot),
@@ -173,40 +145,43 @@ def perfect(motion: TrueMotion, scenario: Scenario, robot: Robot) -> Perfect:
     )
 
 
-def sensed(true: Perfect, scenario: Scenario, robot: Robot, streams: Streams) -> Sensed:
-    """Add the sensor errors of a scenario to error-free readings.
+def measured(
+    true: Perfect, truth: Truth | None, scenario: Scenario, robot: Robot, run_index: int
+) -> tuple[Log, Imu]:
+    """Log of a run, and its IMU: error-free readings with the errors of a scenario.
 
     Args:
         true: error-free readings.
-        scenario: rates and errors of the sensors.
+        truth: truth of the log.
+        scenario: rates and errors of the sensors, and the seed of what draws the errors.
         robot: the robot that carries the sensors.
-        streams: random streams that draw the errors.
+        run_index: index of the run within the study.
     """
-    duration, preset = scenario.duration, noise_preset(scenario.noise)
+    streams, errors = random_streams(scenario.seed, run_index), errors_of(scenario, robot)
     tracks = with_encoder_errors(
         true.tracks,
-        sample_times(duration, scenario.track_rate),
+        sample_times(scenario.duration, scenario.track_rate),
         scenario.track_rate,
-        encoder_errors(robot, scenario.encoders, preset),
+        errors.encoders,
         streams.tracks,
     )
     imu = with_inertial_errors(
         true.imu,
-        sample_times(duration, scenario.imu_rate),
+        sample_times(scenario.duration, scenario.imu_rate),
         scenario.imu_rate,
         robot,
-        gyro_errors(robot, scenario.gyro, preset),
-        accelerometer_errors(robot, scenario.accelerometer, preset),
+        errors.gyro,
+        errors.accelerometer,
         streams.gyro,
         streams.accelerometer,
     )
-    if scenario.fix_rate == 0.0:
-        return Sensed(tracks, imu, None)
-    errors = fix_errors(scenario.fixes, preset)
-    times = _fix_times(scenario)
-    return Sensed(
-        tracks, imu, with_fix_errors(true.fixes, times, errors, scenario.outages, streams.fixes)
-    )
+    fixes = None
+    if scenario.fix_rate > 0.0:
+        fixes = with_fix_errors(
+            true.fixes, _fix_times(scenario), errors.fixes, scenario.outages, streams.fixes
+        )
+    name = f"{robot.name} {scenario.trajectory} seed {scenario.seed} run {run_index}"
+    return Log(name, tracks, imu.series, fixes, truth), imu
 
 
 def truth_of(motion: TrueMotion, times: Floats) -> Truth:

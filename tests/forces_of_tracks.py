@@ -4,14 +4,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.motion.icr import PaperTwist
-from icreckon.simulation.contact.contact import Contact, Loads, ground
+from icreckon.estimator.motion.icr import PaperTwist, inertial_force
+from icreckon.simulation.contact.contact import Body, Contact, ground
 from icreckon.simulation.contact.contact_forces import (
     COLUMNS,
     PointLoads,
     add_steady_balance,
     add_track_forces,
+    point_loads,
 )
+
+
+class Loads(NamedTuple):
+    """Loads of m contact points (m, n) for n motions, and which of them tip (n,)."""
+
+    values: Any  # [N]
+    by_right: Any  # derivative by the force at the centre of mass to the right [N/N]
+    by_forward: Any  # derivative by that force forward [N/N]
+    tipping: Any
 
 
 class Wrench(NamedTuple):
@@ -19,6 +29,24 @@ class Wrench(NamedTuple):
 
     values: Any
     jacobian: Any
+
+
+def vertical_loads(contact: Contact, right: Any = 0.0, forward: Any = 0.0) -> Loads:
+    """Loads of the contact points under the weight and a force at the centre of mass (n,) [N]."""
+    under = ground(contact)
+    forces = np.stack(np.broadcast_arrays(np.atleast_1d(right), forward), axis=-1).astype(float)
+    loads, by_right, by_forward = np.empty((3, len(forces), len(under.x)))
+    tipping = [
+        point_loads(under, under.weight, *force, PointLoads(*of_one))
+        for force, *of_one in zip(forces, loads, by_right, by_forward, strict=True)
+    ]
+    return Loads(loads.T, by_right.T, by_forward.T, np.array(tipping))
+
+
+def steady_inertia(twist: PaperTwist, body: Body) -> Any:
+    """Force of inertia in steady motion (3, n), (4) and (10), and moment about the origin."""
+    right, forward = inertial_force(twist, body.mass, body.x_CM, body.y_CM)
+    return np.stack([right, forward, body.x_CM * forward - body.y_CM * right])
 
 
 def _room(*parts: Any) -> tuple[Any, Any, Any]:

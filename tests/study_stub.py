@@ -8,7 +8,7 @@ import numpy as np
 
 from icreckon import Scenario, Study, Sweep
 from icreckon.simulation.running.engines import ENGINES, Engine
-from icreckon.simulation.study.failures import RunScores
+from icreckon.simulation.study.failures import unscored
 from icreckon.simulation.study.statistics import statistics
 
 STUDY = Study(
@@ -53,14 +53,12 @@ def block(cell, filters, first_run, count):
             os._exit(9)
     time.sleep(float(os.environ.get(PACE, "0")))
     names = [one.name for one in statistics(cell.horizons)]
-    found = {}
-    for number, one in enumerate(filters):
-        rows = []
-        for run in range(first_run, first_run + count):
-            truth = np.random.default_rng([cell.scenario.seed, run % cell.truths])
-            own = np.random.default_rng([cell.scenario.seed, run, cell.index, number])
-            rows.append(truth.gamma(4.0, 0.5, len(names)) + own.gamma(2.0, 0.5, len(names)))
-        values = np.array(rows)
-        values[:, names.index("rejected_gyro")] = np.nan
-        found[one.label] = RunScores(values, ("",) * count)
+    found = unscored(len(filters), count, cell.horizons)
+    for number, row in np.ndindex(found.reasons.shape):
+        run = first_run + row
+        truth = np.random.default_rng([cell.scenario.seed, run % cell.truths])
+        own = np.random.default_rng([cell.scenario.seed, run, cell.index, number])
+        values = truth.gamma(4.0, 0.5, len(names)) + own.gamma(2.0, 0.5, len(names))
+        found.values[number, row] = values
+    found.values[..., names.index("rejected_gyro")] = np.nan
     return found

@@ -1,6 +1,5 @@
 """`icreckon calibrate`: calibration of a robot from logs with a truth."""
 
-from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Annotated
@@ -95,7 +94,20 @@ def command(
     logs_of = [list(chain(*of_each))] if parts else of_each
     with results_folder(out, f"icreckon-calibrate-{paths[0].stem}", overwrite=overwrite) as folder:
         logs = [_read(files, robot, definitions) for files in logs_of]
-        calibration = _calibrate(logs, robot, segment, arm, names)
+        with progress(f"calibrating {robot.name} from {len(logs)} log(s)") as report:
+            try:
+                calibration = calibrate(
+                    logs,
+                    robot,
+                    segment=segment,
+                    lever_arm=arm,
+                    models=names,
+                    speeds_by_radius=has_track_rates(robot),
+                    progress=report,
+                )
+            except IcreckonError as problem:
+                # Errors name the keys of the robot file.
+                raise ReplayError(with_column_keys(str(problem), robot)) from None
         calibrated = calibration.robot
         # Track speeds have the radius and latency of the robot by which they are read.
         calibrated_logs = [_read(files, calibrated, definitions) for files in logs_of]
@@ -126,31 +138,7 @@ def command(
         if ros is not None:
             settings = ros_settings(calibrated_logs, calibrated, source=_origin(calibration))
             write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
-        table = partial(calibration_tables, summary)
-        show(folder / RESULTS_FILE, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
-
-
-def _calibrate(
-    logs: list[Log],
-    robot: Robot,
-    segment: float,
-    lever_arm: tuple[float, float] | None,
-    models: tuple[str, ...],
-) -> Calibration:
-    """Calibrate with a progress bar; errors name the keys of the robot file."""
-    with progress(f"calibrating {robot.name} from {len(logs)} log(s)") as report:
-        try:
-            return calibrate(
-                logs,
-                robot,
-                segment=segment,
-                lever_arm=lever_arm,
-                models=models,
-                speeds_by_radius=has_track_rates(robot),
-                progress=report,
-            )
-        except IcreckonError as problem:
-            raise ReplayError(with_column_keys(str(problem), robot)) from None
+        show(folder, calibration_tables, summary, WIDE_FROM, as_json=as_json, wide=wide)
 
 
 def _origin(calibration: Calibration) -> str:

@@ -1,7 +1,6 @@
 """`icreckon inspect`: the contents of a log, and a robot file to start from."""
 
 import json
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -130,7 +129,7 @@ def _topics(inspection: Inspection, *, narrow: bool) -> Table:
 
 def _show(inspection: Inspection, *, wide: bool, with_file: bool) -> None:
     console.print_banner(inspection.notes)
-    console.print_fitting(partial(_topics, inspection), wide=wide, wide_from=WIDE_FROM)
+    console.print_fitting(_topics, inspection, WIDE_FROM, wide=wide)
     out = console.results()
     for finding in inspection.findings:
         out.print(Text(f"Found: {finding}"))

@@ -1,7 +1,6 @@
 """`icreckon paper`: the paper's numbers, tables and figures, reproduced."""
 
 import shutil
-from functools import partial
 
 import msgspec
 import numpy as np
@@ -48,8 +47,7 @@ def command(
             write_figures(folder, reproduced, FIGURE_FILE)
         write_results(folder / RESULTS_FILE, summary)
         write_text(folder / PAGE_FILE, paper_page(summary, folder))
-        table = partial(paper_tables, summary)
-        show(folder / RESULTS_FILE, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
+        show(folder, paper_tables, summary, WIDE_FROM, as_json=as_json, wide=wide)
 
 
 def _summary(reproduced: Reproduction) -> Results:

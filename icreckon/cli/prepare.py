@@ -1,5 +1,6 @@
 """`icreckon prepare`: compile ahead, so that nothing waits for the compiler later."""
 
+from collections.abc import Iterable
 from concurrent.futures import as_completed
 from dataclasses import replace
 from typing import Annotated
@@ -37,16 +38,16 @@ def command(
             "NUMBA_CACHE_DIR to a folder that can"
         )
     # First those that compile most: one of streaming, one of studies.
-    streaming = [("streaming", *names) for names in reversed(by_model(VARIANTS))]
-    studies = [("study", name) for name in study_names()]
-    tasks = [streaming[0], *studies, *streaming[1:]]
+    first, *others = [(compile_streaming, names) for names in reversed(by_model(VARIANTS))]
+    tasks = [first, *((_run_study, [name]) for name in study_names()), *others]
     count = min(workers or min(worker_count(None), MOST_WORKERS), len(tasks))
     say(f"compiling with {count} processes")
     with progress("compiling") as report, worker_processes(count) as pool:
-        submitted = {pool.submit(_compile, *task): task for task in tasks}
+        submitted = {pool.submit(compile_, names): (compile_, names) for compile_, names in tasks}
         for number, done in enumerate(as_completed(submitted), start=1):
             done.result()
-            kind, *names = submitted[done]
+            compile_, names = submitted[done]
+            kind = "study" if compile_ is _run_study else "streaming"
             say(f"compiled for {kind}: {', '.join(names)}")
             report(number / len(tasks))
     files = kernel_files()
@@ -54,16 +55,9 @@ def command(
     say(f"ready: {len(files)} compiled functions, {size / 1e6:.0f} MB in {cache_folder()}")
 
 
-def _compile(kind: str, *names: str) -> None:
-    """Compile what filters of these variants or a study of this name need."""
-    if kind == "study":
-        _run_study(*names)
-    else:
-        compile_streaming(names)
-
-
-def _run_study(name: str) -> None:
+def _run_study(names: Iterable[str]) -> None:
     """Run the first seconds of each cell: the shapes of filters differ between cells."""
+    (name,) = names
     cells = expand(load_study(name)).cells
     robot_remarks(cells[0].robot, cells[0].scenario.truth)
     for cell in cells:

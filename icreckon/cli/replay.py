@@ -4,7 +4,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -41,15 +41,13 @@ from icreckon.report.replay.tables import WIDE_FROM
 
 @dataclass(frozen=True)
 class _Drive:
-    """One log of a command, with what all logs share."""
+    """One log of a command, with the robot that it is replayed with."""
 
     paths: list[Path]  # files of the log
     robot_name: str  # the option --robot
     robot: Robot  # that robot
-    message_files: list[Path]  # definitions of message types
-    definitions: Definitions  # their content
-    configuration: dict[str, Any]  # options of the command, for the results
-    options: dict[str, Any]  # arguments of `compare_and_write` that all logs share
+    definitions: Definitions  # definitions of message types
+    options: dict[str, Any]  # arguments of `compare_and_write`, without log, robot and folder
 
     def log(self) -> Log:
         """Read the log; its notes include contradictions to the robot file."""
@@ -66,14 +64,6 @@ class _Drive:
                 checks, _, notes = judged(log, self.robot, checks)
         notes += [f"{OF_ROBOT_FILE}{check.problem}" for check in checks if check.problem]
         return replace(log, notes=(*log.notes, *notes))
-
-    def all_options(self) -> dict[str, Any]:
-        """Arguments of `compare_and_write`, without log, robot and folder."""
-        name = str(self.paths[0]) if len(self.paths) == 1 else [str(path) for path in self.paths]
-        configuration = {"log": name, "robot": self.robot_name} | self.configuration
-        inputs = {str(path): path for path in [*self.paths, *self.message_files]}
-        origin = {"command": "replay", "configuration": configuration, "inputs": inputs}
-        return self.options | {"origin": origin}
 
 
 def command(
@@ -149,22 +139,22 @@ def command(
         "settings": msgspec.to_builtins(Settings()),
     }
     definitions = read_definitions(message_files)
-    drives = [
-        _Drive(log, name, robot, message_files, definitions, configuration, shared)
-        for log in files_of
-        for name, robot in robots.items()
-    ]
+    drives = []
+    for log, (name, robot) in product(files_of, robots.items()):
+        of_log = {"log": str(log[0]) if len(log) == 1 else list(map(str, log)), "robot": name}
+        inputs = {str(path): path for path in [*log, *message_files]}
+        origin = {"command": "replay", "configuration": of_log | configuration, "inputs": inputs}
+        drives.append(_Drive(log, name, robot, definitions, shared | {"origin": origin}))
     with results_folder(out, f"icreckon-replay-{paths[0].stem}", overwrite=overwrite) as folder:
         if len(drives) == 1:
             drive = drives[0]
             failed = compare_and_report(
-                drive.log(), drive.robot, folder, as_json=as_json, wide=wide, **drive.all_options()
+                drive.log(), drive.robot, folder, as_json=as_json, wide=wide, **drive.options
             )
         else:
             summary = _many(_labelled(drives, files_of, robots), folder, configuration)
             failed = many_failures(summary)
-            table = partial(many_tables, summary)
-            show(folder / RESULTS_FILE, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
+            show(folder, many_tables, summary, WIDE_FROM, as_json=as_json, wide=wide)
     exit_if_failed(failed)
 
 
@@ -195,8 +185,8 @@ def _many(
         target = folder / places[case]
         target.mkdir(parents=True)
         try:
-            options = drive.all_options()
-            _, scores = compare_and_write(drive.log(), drive.robot, target, case=case, **options)
+            log, robot = drive.log(), drive.robot
+            _, scores = compare_and_write(log, robot, target, case=case, **drive.options)
         except Exception as problem:
             if Stop.number:
                 raise

@@ -2,7 +2,6 @@
 
 import shlex
 import sys
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,7 +20,6 @@ from icreckon.report.study.folder import PAGE, run_study
 from icreckon.report.study.text import failures, headline, notes, same_results, summary_tables
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.runner import Progress as Done
-from icreckon.simulation.running.store import RESULTS
 from icreckon.simulation.study.cells import expand
 from icreckon.simulation.study.plan import Study, load_study, study_names
 from icreckon.simulation.study.results import Results
@@ -103,8 +101,7 @@ def command(
         again = shlex.join(["icreckon", *sys.argv[1:]])
         Stop.advice = f"{blocks} blocks are in {folder}/. Go on with the same command: {again}"
         raise
-    table = partial(_summary, study_results)
-    show(folder / RESULTS, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
+    show(folder, _summary, study_results, WIDE_FROM, as_json=as_json, wide=wide)
     say(f"results in {folder}/, the page to read and to send is {folder / PAGE}")
     for line in same_results(study_results):
         say(line, "yellow")

@@ -384,10 +384,8 @@ class OdometryNode:
                 message = self._new(ros.TF)
                 message.transforms = transforms
                 self._tf.publish(message)
-            if (
-                self._map_pose is not None
-                and (placed := estimate.in_map(planar=planar)) is not None
-            ):
+            placed = estimate.in_map(planar=planar)
+            if self._map_pose is not None and placed is not None:
                 pose = self._new(ros.POSE_WITH_COVARIANCE)
                 self._map_pose.publish(fill_pose(pose, estimate.stamp, options.map_frame, placed))
             if abs(estimate.stamp - self._last_slow) >= PERIOD * 1e9:
@@ -461,10 +459,8 @@ class OdometryNode:
                 for name, types in self.node.get_topic_names_and_types()
                 if name not in own and self.node.count_publishers(name)
             }
-            topic, fitting = (
-                self.node.resolve_topic_name(subscription.topic),
-                inputs.fitting_types(subscription),
-            )
+            topic = self.node.resolve_topic_name(subscription.topic)
+            fitting = inputs.fitting_types(subscription)
             self._warn(silent_topic(subscription.purpose, topic, fitting, others, waited))
         self._silent.clear()
 

@@ -3,7 +3,7 @@
 import math
 from array import array
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -44,12 +44,6 @@ class NodeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise EstimatorError(
                 "parameter robot: give a robot file or the name of a robot that ships with icreckon, "
                 "as `icreckon ros2-node --robot robot.toml` or -p robot:=robot.toml"
-            )
-        choices = list(get_args(Reliability))
-        if self.input_reliability not in choices:
-            raise EstimatorError(
-                f"parameter input_reliability {self.input_reliability!r}"
-                f"{nearest_hint(self.input_reliability, choices)}"
             )
         check_bounds(self, "parameter {}", EstimatorError)
         if self.start_pose:

@@ -46,17 +46,17 @@ def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
     stamps = first_run.stamps[picks(len(first_run.stamps), most)]
     truths = {} if log.truth is None else truths_of(comparison)
     shown, path = truths.get(headline), first_run.trajectory.pose_series
-    series: Results = {"t_s": _rounded((stamps - log.start) * NANOSECOND), "variants": {}}
+    series: Results = {"t_s": rounded((stamps - log.start) * NANOSECOND), "variants": {}}
     series["inputs"] = _inputs(log, robot, stamps)
     if log.truth is not None and shown is not None:
         series["truth"] = _true_columns(log.truth, shown.truth, stamps)
         path = shown.truth.poses
-    series["distance_m"] = _rounded(np.interp(stamps, path.stamps, path_length(path)), DECIMALS)
+    series["distance_m"] = rounded(np.interp(stamps, path.stamps, path_length(path)), DECIMALS)
     if log.fixes is not None:
         rows = picks(len(log.fixes.stamps), most)
         times = (log.fixes.stamps[rows] - log.start) * NANOSECOND
         places = _columns(POSE[:2], log.fixes.poses[rows, :2], DECIMALS)
-        series["fixes"] = {"t_s": _rounded(times), **places}
+        series["fixes"] = {"t_s": rounded(times), **places}
     for name, run in comparison.runs.items():
         point, truth = np.zeros(2), None
         if shown is not None:
@@ -87,9 +87,9 @@ def _run_columns(run: Run, stamps: Stamps, point: Floats, truth: Truth | None) -
     columns = {
         **_columns(POSE, _at_point(poses, point), DECIMALS),
         **_columns(TWIST, path.twists[rows]),
-        "nis_per_dof": _rounded(_nis(run, rows)),
-        "position_sigma_m": _rounded(largest_sigma(covariances)),
-        "yaw_sigma_rad": _rounded(np.sqrt(covariances[:, 2, 2])),
+        "nis_per_dof": rounded(_nis(run, rows)),
+        "position_sigma_m": rounded(largest_sigma(covariances)),
+        "yaw_sigma_rad": rounded(np.sqrt(covariances[:, 2, 2])),
         **_columns(INDICES, run.indices[rows]),
         "ellipses": _ellipses(run, point),
     }
@@ -98,8 +98,8 @@ def _run_columns(run: Run, stamps: Stamps, point: Floats, truth: Truth | None) -
         columns |= _columns(SPATIAL_SIGMA, path.spatial_sigmas[rows])
     if truth is not None:
         x, y, yaw = (poses - true_poses_at(truth, stamps)).T
-        columns["position_error_m"] = _rounded(np.hypot(x, y))
-        columns["yaw_error_rad"] = _rounded(np.asarray(wrap_angle(yaw)))
+        columns["position_error_m"] = rounded(np.hypot(x, y))
+        columns["yaw_error_rad"] = rounded(np.asarray(wrap_angle(yaw)))
     return columns
 
 
@@ -112,10 +112,10 @@ def _inputs(log: Log, robot: Robot, stamps: Stamps) -> Results:
     """Track speeds and yaw rate as measured, nearest to the stamps; None in holes."""
     tracks, imu = log.tracks, log.imu
     left, right = (_measured(tracks.stamps, speeds, stamps) for speeds in tracks.speeds.T)
-    columns = {"left_m_s": _rounded(left), "right_m_s": _rounded(right)}
+    columns = {"left_m_s": rounded(left), "right_m_s": rounded(right)}
     if imu is not None and len(imu.stamps):
         rates = SensorModels(robot).yaw_rates(imu.angular_velocity)
-        columns["gyro_rad_s"] = _rounded(_measured(imu.stamps, rates, stamps))
+        columns["gyro_rad_s"] = rounded(_measured(imu.stamps, rates, stamps))
     return columns
 
 
@@ -141,7 +141,7 @@ def _ellipses(run: Run, point: Floats) -> list[list[float | None]]:
     minor, major = np.sqrt(np.maximum(variances, 0.0)).T
     direction = np.arctan2(axes[:, 1, 1], axes[:, 0, 1])
     centres = _at_point(run.trajectory.poses[rows], point)[:, :2]
-    return [_rounded(row) for row in np.column_stack([centres, major, minor, direction])]
+    return [rounded(row) for row in np.column_stack([centres, major, minor, direction])]
 
 
 def _nis(run: Run, rows: NDArray[np.int64]) -> Floats:
@@ -167,12 +167,12 @@ def picks(count: int, most: int) -> NDArray[np.int64]:
 def _parameters(run: Run, start: int) -> Results:
     """Value and sigma over time of each uncertain parameter, bias, scale and gravity."""
     rows = picks(len(run.stamps), PARAMETER_POINTS)
-    columns: Results = {"t_s": _rounded((run.stamps[rows] - start) * NANOSECOND)}
+    columns: Results = {"t_s": rounded((run.stamps[rows] - start) * NANOSECOND)}
     for index in range(s.LEARNT.start, s.GRAVITY.stop):
         name, sigma = run.state_names[index], run.state_sigmas[rows, index]
         # States that the variant lacks have no name, known ones no uncertainty.
         if name and sigma.any():
-            columns[name] = {"value": _rounded(run.states[rows, index]), "sigma": _rounded(sigma)}
+            columns[name] = {"value": rounded(run.states[rows, index]), "sigma": rounded(sigma)}
     return columns
 
 
@@ -183,8 +183,8 @@ def _innovations(run: Run, start: int) -> Results:
         known = np.flatnonzero(np.isfinite(column))
         if len(known):
             rows = known[picks(len(known), INNOVATION_POINTS)]
-            times = _rounded((run.stamps[rows] - start) * NANOSECOND, 2)
-            by_component[name] = {"t_s": times, "normalised": _rounded(column[rows], 2)}
+            times = rounded((run.stamps[rows] - start) * NANOSECOND, 2)
+            by_component[name] = {"t_s": times, "normalised": rounded(column[rows], 2)}
     return by_component
 
 
@@ -213,10 +213,10 @@ def _nearest(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
 def _columns(names: Sequence[str], values: Floats, decimals: int | None = None) -> Results:
     """Columns of a table (n, k), rounded, by their names."""
     columns = zip(names, values.T, strict=True)
-    return {name: _rounded(column, decimals) for name, column in columns}
+    return {name: rounded(column, decimals) for name, column in columns}
 
 
-def _rounded(values: ArrayLike, decimals: int | None = None) -> list[float | None]:
+def rounded(values: ArrayLike, decimals: int | None = None) -> list[float | None]:
     """Round to five significant digits or to `decimals`, with None for NaN."""
     numbers: list[float] = np.asarray(values, dtype=float).tolist()
     if decimals is None:

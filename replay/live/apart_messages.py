@@ -40,10 +40,8 @@ class ApartMessages:
         kept = [row for row in self._rows if stamp - row[0] <= LONGEST]
         self._rows = sorted([*kept, (stamp, values)], key=lambda row: row[0])
         self._counts = known + (self._counts if len(self._counts) else 0.0)
-        if (
-            self._at is None
-            and self._counts.min() < CLEARLY_SLOWER * self._counts[self._slowest] - 1.0
-        ):
+        fewest = CLEARLY_SLOWER * self._counts[self._slowest] - 1.0
+        if self._at is None and self._counts.min() < fewest:
             self._slowest = int(self._counts.argmin())
         table = np.array([row for _, row in self._rows])
         if np.isnan(table).all(axis=0).any():

@@ -87,7 +87,3 @@ class ClockWatch(Generic[T]):
                 stream.stamp = stream.held[-1].stamp
                 stream.held.clear()
         return [held.message for held in sorted(released, key=lambda held: held.arrival)]
-
-    def restart(self) -> None:
-        """Forget all streams, and what is held back."""
-        self._streams.clear()

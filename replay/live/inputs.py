@@ -186,7 +186,7 @@ class LiveInputs:
         """
         self._went_back = now
         self.clocks.clear()
-        self._watch.restart()
+        self._watch = ClockWatch()
         self._waiting.clear()
         self._wheels, self._forces = ApartMessages(), ApartMessages(at=0)
         self._begun, self._counter, self._newest_transform, self._ahead_ns = None, None, -1, 0

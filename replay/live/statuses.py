@@ -1,5 +1,6 @@
 """Statuses of a live run for /diagnostics: estimate, sensors, parameters, clocks."""
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -11,20 +12,13 @@ from icreckon.estimator.base.state import STATE_NAMES
 from icreckon.estimator.filter.fault_table import Finding
 from icreckon.estimator.filter.health import SensorHealth, TiltHealth
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.replay.live.diagnostic_status import (
-    ERROR,
-    LARGE_NIS,
-    OK,
-    STALE,
-    WARN,
-    DiagnosticStatus,
-    estimate_status,
-)
+from icreckon.replay.live.diagnostic_status import ERROR, OK, STALE, WARN, DiagnosticStatus
 from icreckon.replay.live.manoeuvres import missing_manoeuvres
 from icreckon.replay.live.map_frame import MapFrame
 from icreckon.replay.live.odometry import LiveOdometry, loss_of
 
 CHANGED_LATENCY = 0.05  # difference of latencies from which a latency is reported as changed [s]
+LARGE_NIS = 4.0  # mean NIS per degree of freedom from which a sensor is reported as `WARN`
 MANY_REJECTED = 0.1  # share of rejections since the last report that makes a sensor WARN [-]
 GYRO, IMU = "gyro", "imu"
 """Sensor whose use shows that the IMU works, and the stream that counts rejected samples."""
@@ -81,8 +75,16 @@ class LiveStatuses:
         if loss := loss_of(estimator):
             text = f"{loss}; call the service ~/reset, or restart the node. Until then nothing is saved"
             return DiagnosticStatus(ERROR, name, text, {})
-        health = estimator.health
+        health, covariance = estimator.health, estimator.pose_covariance
+        position = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))
+        yaw = math.degrees(math.sqrt(max(float(covariance[2, 2]), 0.0)))
+        v_x, v_y, w = estimator.twist.tolist()
         details = {
+            "position_sigma_m": f"{position:.4f}",
+            "yaw_sigma_deg": f"{yaw:.4f}",
+            "v_x_m_s": f"{v_x:.4f}",
+            "v_y_m_s": f"{v_y:.4f}",
+            "w_rad_s": f"{w:.4f}",
             "standing": str(estimator.stands).lower(),
             "standstill_updates": str(health.standstill_updates),
             "gaps_in_track_speeds": str(health.track_gaps),
@@ -90,27 +92,20 @@ class LiveStatuses:
         }
         if frame == "map" and health.wander is not None:
             details["wander_of_fixes_m"] = health.wander.text
-        status = estimate_status(name, estimator.pose_covariance, estimator.twist, details)
-        return self._with_changes(frame, status, estimator)
-
-    def _with_changes(
-        self, frame: str, status: DiagnosticStatus, estimator: PoseEstimator
-    ) -> DiagnosticStatus:
-        """Status of an estimate, with faults of the tracks since the last report."""
-        health, stamp = estimator.health, estimator.stamp or 0
-        now = stamp, health.track_gaps, health.times.get("stuck", 0)
+        level, text = OK, f"sigma {position:.2f} m, {yaw:.2f} deg"
+        # Faults of the tracks since the last report.
+        now = estimator.stamp, health.track_gaps, health.times.get("stuck", 0)
         before = self._estimates.get(frame, (-1, 0, 0))
         self._estimates[frame] = now
-        if now == before:
-            text = f"no estimate since the last report; {status.message}"
-            return status._replace(level=STALE, message=text)
         (_, gaps, stuck), (_, gaps_before, stuck_before) = now, before
-        text = status.message
+        if now == before:
+            level, text = STALE, f"no estimate since the last report; {text}"
         if gaps > gaps_before:
-            text += "; a gap in the track speeds was bridged"
+            level, text = WARN, f"{text}; a gap in the track speeds was bridged"
         if stuck > stuck_before:
+            level = WARN
             text += "; the sensor of a track repeats its reading and is not trusted"
-        return status if text == status.message else status._replace(level=WARN, message=text)
+        return DiagnosticStatus(level, name, text, details)
 
     def _never_heard(self) -> list[DiagnosticStatus]:
         """Status of an IMU from which nothing has come, though the robot is reckoned."""

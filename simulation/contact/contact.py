@@ -28,15 +28,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.checks import Positive, check_bounds
-from icreckon.estimator.motion.icr import GRAVITY, PaperTwist, inertial_force
+from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.soil import Soil
 
 if TYPE_CHECKING:
@@ -122,23 +121,15 @@ class Contact:
             )
 
 
-class Loads(NamedTuple):
-    """Vertical loads of m contact points (left track first) for n motions."""
-
-    values: Any  # (m, n) [N], never negative
-    by_right: Any  # (m, n) derivative by the force at the centre of mass to the right [N/N]
-    by_forward: Any  # (m, n) derivative by that force forward [N/N]
-    # (n,) True if the weight and the force point outside the contact: no loads balance their moment,
-    # and `values` are those with the centre of pressure held at the edge
-    tipping: NDArray[np.bool_]
-
-
 class ContactPoints(NamedTuple):
     """Contact points: coordinates (right, forward) [m], weights [-]; left track first."""
 
     x: Floats
     y: Floats
     weight: Floats
+    # Inverse (3, 3) of the weighted sums of products of 1, x, y over all points. Times (1, x, y) of the
+    # centre of pressure it is (a, b, c) of the planar loads.
+    even: Floats
 
 
 def equally_spaced(gauge: float, half_length: float, count: int) -> ContactGeometry:
@@ -160,43 +151,13 @@ def contact_points(geometry: ContactGeometry) -> ContactPoints:
     weights = np.repeat(weights, len(geometry.across))
     right = 0.5 * geometry.gauge + across
     x, y = np.concatenate([-right, right]), np.concatenate([along, along])
-    points = ContactPoints(x, y, np.concatenate([weights, weights]) / (2.0 * weights.sum()))
+    weights = np.concatenate([weights, weights]) / (2.0 * weights.sum())
+    basis = np.stack([np.ones_like(x), x, y])
+    even = np.asarray(np.linalg.inv((weights * basis) @ basis.T), dtype=float)
+    points = ContactPoints(x, y, weights, even)
     for values in points:
         values.setflags(write=False)  # cached, so all callers share these arrays
     return points
-
-
-def vertical_loads(contact: Contact, right: Any = 0.0, forward: Any = 0.0) -> Loads:
-    """Loads of the contact points under the weight and a force at the centre of mass.
-
-    The force (n,) to the right and forward [N] is that of inertia, and gravity's part along a slope.
-    Loads are planar over the points that touch and zero at those that lift off: p = weight max(0, a + b
-    x + c y). They solve a convex problem: minimise sum(p^2 / weight) subject to the balance of force
-    and moments and p >= 0. The solution is unique while the weight and the force together point inside
-    the contact. Newton's iteration over the set of touching points, with a line search on the dual
-    function, ends at the exact set.
-    """
-    from icreckon.simulation.contact.contact_forces import loads_of_many
-
-    packed = ground(contact)
-    # Complex forces are those of complex-step derivatives.
-    number_type = np.result_type(right, forward, float)
-    right, forward = np.array(np.broadcast_arrays(np.atleast_1d(right), forward), dtype=number_type)
-    count = len(packed.x)
-    loads = np.empty((len(right), count), dtype=right.dtype)
-    by_right, by_forward = np.empty((2, len(right), count))
-    tipping = np.empty(len(right), dtype=bool)
-    loads_of_many(packed, right, forward, loads, by_right, by_forward, tipping)
-    return Loads(loads.T, by_right.T, by_forward.T, tipping)
-
-
-def steady_inertia(twist: PaperTwist, body: Body) -> Any:
-    """Force of inertia in steady motion, (4) and (10), and moment about the origin.
-
-    From twists (n,) of the origin to (3, n): force right, forward [N], moment [N m].
-    """
-    right, forward = inertial_force(twist, body.mass, body.x_CM, body.y_CM)
-    return np.stack([right, forward, body.x_CM * forward - body.y_CM * right])
 
 
 def ground(contact: Contact) -> Ground:
@@ -206,7 +167,6 @@ def ground(contact: Contact) -> Ground:
     soil, geometry, body = contact.soil, contact.geometry, contact.body
     return Ground(
         *contact_points(geometry),
-        _even_loads(geometry),
         0.5 * geometry.gauge,
         _outline(geometry),
         np.array([soil.coefficients, soil.coefficients]),
@@ -218,15 +178,6 @@ def ground(contact: Contact) -> Ground:
         body.weight,
         (body.x_CM, body.y_CM, body.z_CM),
     )
-
-
-@lru_cache(maxsize=64)
-def _even_loads(geometry: ContactGeometry) -> Floats:
-    """Inverse (3, 3) of the weighted sums of products of 1, x, y over all points."""
-    points = contact_points(geometry)
-    basis = np.stack([np.ones_like(points.x), points.x, points.y])
-    # Times (1, x, y) of the centre of pressure it is (a, b, c) of the planar loads.
-    return np.asarray(np.linalg.inv((points.weight * basis) @ basis.T), dtype=float)
 
 
 def _outline(geometry: ContactGeometry) -> tuple[float, float, float]:

@@ -53,18 +53,32 @@ class Ground(NamedTuple):
     centre: tuple[float, float, float]  # x_CM, y_CM, z_CM [m]
 
 
-@compiled
-def point_loads(
-    ground: Ground, right: Any, forward: Any, loads: Any, by_right: Floats, by_forward: Floats
-) -> bool:
-    """Compute loads (m,) [N] under weight and a force at the centre of mass, in place.
+class PointLoads(NamedTuple):
+    """Loads of the contact points, and their derivatives by the force on the body."""
 
-    `by_right` and `by_forward` are the derivatives by that force. Returns True if the vehicle tips; then
-    the centre of pressure (x, y) is held just inside the contact's edge. See `contact.vertical_loads`.
+    loads: Any  # (m,) loads [N]
+    by_right: Floats  # (m,) derivatives by the force to the right [-]
+    by_forward: Floats  # (m,) derivatives by the force forward [-]
+
+
+@compiled
+def point_loads(ground: Ground, weight: float, right: Any, forward: Any, found: PointLoads) -> bool:
+    """Compute loads [N] under weight and a force at the centre of mass, in place.
+
+    `weight` is the force that presses on the ground [N]; the force to the right and forward [N] is that
+    of inertia, and gravity's part along a slope. Loads are planar over the points that touch and zero at
+    those that lift off: p = weight max(0, a + b x + c y). They solve a convex problem: minimise
+    sum(p^2 / weight) subject to the balance of force and moments and p >= 0. The solution is unique while
+    the weight and the force together point inside the contact. Newton's iteration over the set of
+    touching points, with a line search on the dual function, ends at the exact set.
+
+    Returns True if the vehicle tips: no loads balance the moment. Then the centre of pressure (x, y) is
+    held just inside the contact's edge.
     """
+    loads, by_right, by_forward = found
     x_CM, y_CM, z_CM = ground.centre
     half, rear, front = ground.outline
-    arm = z_CM / ground.weight
+    arm = z_CM / weight
     inside = 1.0 - TIPPING_MARGIN
     middle, reach = 0.5 * (rear + front), 0.5 * (front - rear) * inside
     x, y = x_CM + arm * right, y_CM + arm * forward
@@ -78,24 +92,24 @@ def point_loads(
         y_free = 0.0
     # A point at (X, Y) carries its share of the pressure p_a + p_b X + p_c Y.
     inverse = ground.even
-    p_a = ground.weight * (inverse[0, 0] + inverse[0, 1] * x + inverse[0, 2] * y)
-    p_b = ground.weight * (inverse[1, 0] + inverse[1, 1] * x + inverse[1, 2] * y)
-    p_c = ground.weight * (inverse[2, 0] + inverse[2, 1] * x + inverse[2, 2] * y)
+    p_a = weight * (inverse[0, 0] + inverse[0, 1] * x + inverse[0, 2] * y)
+    p_b = weight * (inverse[1, 0] + inverse[1, 1] * x + inverse[1, 2] * y)
+    p_c = weight * (inverse[2, 0] + inverse[2, 1] * x + inverse[2, 2] * y)
     lifts = False
     for i in range(len(ground.x)):
         pressed = p_a + p_b * ground.x[i] + p_c * ground.y[i]
         lifts |= pressed.real < 0.0
     if lifts:
-        plane = np.array([p_a.real, p_b.real, p_c.real]) / ground.weight
+        plane = np.array([p_a.real, p_b.real, p_c.real]) / weight
         inverse = _inverse_of_touching(ground, x.real, y.real, plane)
-        p_a = ground.weight * (inverse[0, 0] + inverse[0, 1] * x + inverse[0, 2] * y)
-        p_b = ground.weight * (inverse[1, 0] + inverse[1, 1] * x + inverse[1, 2] * y)
-        p_c = ground.weight * (inverse[2, 0] + inverse[2, 1] * x + inverse[2, 2] * y)
+        p_a = weight * (inverse[0, 0] + inverse[0, 1] * x + inverse[0, 2] * y)
+        p_b = weight * (inverse[1, 0] + inverse[1, 1] * x + inverse[1, 2] * y)
+        p_c = weight * (inverse[2, 0] + inverse[2, 1] * x + inverse[2, 2] * y)
     for i in range(len(ground.x)):
         X, Y, share = ground.x[i], ground.y[i], ground.share[i]
         pressed = share * (p_a + p_b * X + p_c * Y)
         # The contact of a point whose load is zero to rounding makes no difference.
-        if pressed.real <= NO_LOAD * ground.weight * share:
+        if pressed.real <= NO_LOAD * weight * share:
             pressed, share = 0.0 * pressed, 0.0
         loads[i] = pressed
         by_x = inverse[0, 1] + inverse[1, 1] * X + inverse[2, 1] * Y
@@ -103,14 +117,6 @@ def point_loads(
         by_right[i] = x_free * z_CM * share * by_x
         by_forward[i] = y_free * z_CM * share * by_y
     return x_free * y_free == 0.0
-
-
-class PointLoads(NamedTuple):
-    """Loads of the contact points, and their derivatives by the force on the body."""
-
-    loads: Any  # (m,) loads [N]
-    by_right: Floats  # (m,) derivatives by the force to the right [-]
-    by_forward: Floats  # (m,) derivatives by the force forward [-]
 
 
 @compiled
@@ -225,17 +231,17 @@ def _add_rolling_resistance(
 @compiled
 def add_steady_balance(
     ground: Ground, twist: Any, speeds: Any, pressing: PointLoads, values: Any, jacobian: Any
-) -> None:
+) -> bool:
     """Add to zeros the balance (3,) of steady motion and its derivatives (3, COLUMNS).
 
     The force at the centre of mass is that of inertia, (4) and (10). `pressing` is overwritten; for the
-    other arguments see `add_track_forces`.
+    other arguments see `add_track_forces`. Returns True if the vehicle tips.
     """
     v_x, v_y, w = twist
     M = ground.mass
     x, y, _ = ground.centre
     right, forward = M * w * (v_y + x * w), M * w * (y * w - v_x)
-    point_loads(ground, right, forward, pressing.loads, pressing.by_right, pressing.by_forward)
+    tips = point_loads(ground, ground.weight, right, forward, pressing)
     add_track_forces(ground, twist, speeds, pressing, values, jacobian)
     values[0] += right
     values[1] += forward
@@ -249,40 +255,7 @@ def add_steady_balance(
             jacobian[row, column] += (
                 of_inertia + jacobian[row, 5] * of_right + jacobian[row, 6] * of_forward
             )
-
-
-@compiled
-def loads_of_many(
-    ground: Ground,
-    right: Any,
-    forward: Any,
-    loads: Any,
-    by_right: Floats,
-    by_forward: Floats,
-    tipping: NDArray[np.bool_],
-) -> None:
-    """Apply `point_loads` to n motions; arrays (n, m) and (n,)."""
-    each = (len(right), len(ground.x))
-    sizes_fit = loads.shape == by_right.shape == by_forward.shape == each
-    if not sizes_fit or len(forward) != len(right) or len(tipping) != len(right):
-        raise ValueError(WRONG_SIZE)
-    for k in range(len(right)):
-        tipping[k] = point_loads(ground, right[k], forward[k], loads[k], by_right[k], by_forward[k])
-
-
-@compiled
-def mass_matrix(mass: float, x_CM: float, y_CM: float, yaw_inertia: float) -> Floats:
-    """Mass matrix (3, 3) about the origin of v_x, v_y, w.
-
-    Of a mass [kg] at (x_CM, y_CM) right and forward of the origin [m], with a moment of inertia about the
-    vertical through it [kg m²].
-    """
-    matrix = np.zeros((3, 3))
-    matrix[0, 0] = matrix[1, 1] = mass
-    matrix[0, 2] = matrix[2, 0] = -mass * y_CM
-    matrix[1, 2] = matrix[2, 1] = mass * x_CM
-    matrix[2, 2] = yaw_inertia + mass * (x_CM * x_CM + y_CM * y_CM)
-    return matrix
+    return tips
 
 
 @compiled
@@ -305,19 +278,27 @@ def solve_3(matrix: Any, right_hand_side: Any, solution: Any) -> bool:
 
 @compiled
 def newton_of_many(
-    ground: Ground, V: Floats, steps: int, tolerance: float, twist: Floats, residual: Floats
+    ground: Ground,
+    V: Floats,
+    steps: int,
+    tolerance: float,
+    twist: Floats,
+    residual: Floats,
+    tipping: NDArray[np.bool_],
 ) -> None:
     """Newton's iteration with step halving, until solved, stuck, or out of steps.
 
     Guesses `twist` (n, 3) [m/s, m/s, rad/s] for track speeds V (n, 2) [m/s] are overwritten with the
     best ones, and `residual` (n,) with their largest component of the balance, as a share of the weight
-    (moments: of the weight times half the gauge). A pair is solved at `tolerance`; `steps` are
-    evaluations after the first.
+    (moments: of the weight times half the gauge), and `tipping` (n,) by whether the vehicle tips. A pair
+    is solved at `tolerance`; `steps` are evaluations after the first.
 
     Raises:
         ValueError: an array has the wrong size.
     """
-    if V.shape != (len(V), 2) or twist.shape != (len(V), 3) or residual.shape != (len(V),):
+    if V.shape != (len(V), 2) or twist.shape != (len(V), 3):
+        raise ValueError(WRONG_SIZE)
+    if residual.shape != (len(V),) or tipping.shape != (len(V),):
         raise ValueError(WRONG_SIZE)
     unit = np.array([1.0, 1.0, 1.0 / ground.half_gauge]) / ground.weight
     count = len(ground.x)
@@ -332,12 +313,12 @@ def newton_of_many(
             values[:] = 0.0
             jacobian[:] = 0.0
             trial_twist, speeds = (trial[0], trial[1], trial[2]), (V[pair, 0], V[pair, 1])
-            add_steady_balance(ground, trial_twist, speeds, pressing, values, jacobian)
+            tips = add_steady_balance(ground, trial_twist, speeds, pressing, values, jacobian)
             values *= unit
             squares = (values * values).sum()
             if squares < (1.0 - SUFFICIENT_DECREASE * step_share) * merit:
                 merit = squares
-                twist[pair] = trial
+                twist[pair], tipping[pair] = trial, tips
                 residual[pair] = np.abs(values).max()
                 if residual[pair] <= tolerance:
                     break

@@ -3,7 +3,7 @@
 import numpy as np
 
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.motion.icr import IndexValues
+from icreckon.estimator.motion.icr import IndexValues, icrs_from_twist, indices_from_icrs
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.contact.contact import Body, Contact, equally_spaced
@@ -43,11 +43,7 @@ def slow_turns(contact: Contact) -> IndexValues:
     V_l, V_r = CRAWL * TURNS.T
     # Not strict: an inexact index still serves for a warning, which must not stop a run.
     twist = solve_steady(V_l, V_r, contact, strict=False).twist
-    return IndexValues(
-        twist.v_x / twist.w,
-        (0.5 * (V_l + V_r) - twist.v_y) / twist.w,
-        (V_r - V_l) / (contact.geometry.gauge * twist.w),
-    )
+    return indices_from_icrs(icrs_from_twist(V_l, V_r, twist), contact.geometry.gauge)
 
 
 def robot_remarks(robot: Robot, truth: str) -> list[str]:

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.motion.icr import PaperTwist
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.contact.contact import Contact, ground, steady_inertia, vertical_loads
+from icreckon.simulation.contact.contact import Contact, ground
 
 # Largest residual of a solved state, as a share of the weight (moments: of the weight times half the
 # gauge), and the largest that still counts as converged.
@@ -104,14 +104,12 @@ def solve_steady(
     shape, V = left.shape, np.stack([left.ravel(), right.ravel()])
     if not np.isfinite(V).all():
         raise SimulationError("track speeds must be finite numbers, found NaN or infinity")
-    twist, residual = _solve(_guess(V, contact), V, contact)
-    twist += 0.0  # turns -0.0 into 0.0, which tables would print with a sign
-    v_x, v_y, w = (component.reshape(shape) for component in twist)
-    inertia = steady_inertia(PaperTwist(*twist), contact.body)
-    tipping = vertical_loads(contact, inertia[0], inertia[1]).tipping.reshape(shape)
-    residual = residual.reshape(shape)
-    converged, twists = residual <= CONVERGED, PaperTwist(v_x, v_y, w)
-    motion = SteadyMotion(left.copy(), right.copy(), twists, residual, converged, tipping)
+    solved = _solve(_guess(V, contact), V, contact)
+    # Adding zero turns -0.0 into 0.0, which tables would print with a sign.
+    twist = PaperTwist(*(component.reshape(shape) + 0.0 for component in solved.twist))
+    residual, tipping = solved.residual.reshape(shape), solved.tipping.reshape(shape)
+    converged = residual <= CONVERGED
+    motion = SteadyMotion(left.copy(), right.copy(), twist, residual, converged, tipping)
     return motion.require_converged() if strict else motion
 
 
@@ -128,10 +126,11 @@ def track_speed_grid(count: int = 21) -> tuple[Floats, Floats]:
 
 
 class _Solved(NamedTuple):
-    """Twists (3, n) and the largest component of the residual (n,)."""
+    """Twists (3, n), largest component of the residual, and whether it tips (n,)."""
 
     twist: Floats
     residual: Floats
+    tipping: NDArray[np.bool_]
 
 
 def _solve(start: Floats, V: Floats, contact: Contact) -> _Solved:
@@ -154,8 +153,8 @@ def _solve(start: Floats, V: Floats, contact: Contact) -> _Solved:
 def _keep_better(solved: _Solved, pairs: NDArray[np.intp], other: _Solved) -> None:
     """Overwrite the solutions of some pairs where the other's residual is smaller."""
     is_better = other.residual < solved.residual[pairs]
-    solved.twist[:, pairs[is_better]] = other.twist[:, is_better]
-    solved.residual[pairs[is_better]] = other.residual[is_better]
+    for values, better in zip(solved, other, strict=True):
+        values[..., pairs[is_better]] = better[..., is_better]
 
 
 def _along_regularisation(start: Floats, V: Floats, contact: Contact) -> _Solved:
@@ -192,7 +191,7 @@ def _from_everywhere(V: Floats, contact: Contact) -> _Solved:
     if solved.residual.min() > CONVERGED:
         solved = _along_regularisation(guesses, repeated_V, contact)
     best = [int(solved.residual.argmin())]
-    return _Solved(solved.twist[:, best], solved.residual[best])
+    return _Solved(solved.twist[:, best], solved.residual[best], solved.tipping[best])
 
 
 def _newton(start: Floats, V: Floats, contact: Contact, steps: int, tolerance: float) -> _Solved:
@@ -200,8 +199,9 @@ def _newton(start: Floats, V: Floats, contact: Contact, steps: int, tolerance: f
     from icreckon.simulation.contact.contact_forces import newton_of_many
 
     twist, residual = np.array(start.T, order="C"), np.full(V.shape[1], np.inf)
-    newton_of_many(ground(contact), np.ascontiguousarray(V.T), steps, tolerance, twist, residual)
-    return _Solved(twist.T, residual)
+    tipping, V = np.zeros(V.shape[1], dtype=bool), np.ascontiguousarray(V.T)
+    newton_of_many(ground(contact), V, steps, tolerance, twist, residual, tipping)
+    return _Solved(twist.T, residual, tipping)
 
 
 def _guess(V: Floats, contact: Contact) -> Floats:

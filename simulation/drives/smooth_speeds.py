@@ -63,10 +63,8 @@ class Slalom:
         )
         envelope = smooth_step(elapsed / self.ramp)
         half_difference = self.swing * np.cos(2.0 * np.pi * cycles)
-        return np.stack(
-            [envelope * (self.mean - half_difference), envelope * (self.mean + half_difference)],
-            axis=-1,
-        )
+        speeds = np.stack([self.mean - half_difference, self.mean + half_difference], axis=-1)
+        return envelope[:, None] * speeds
 
     @property
     def top_speed(self) -> float:

@@ -9,7 +9,7 @@ describes each trajectory and its options.
 
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, get_type_hints
+from typing import Any, get_type_hints
 
 import msgspec
 from numpy.random import Generator
@@ -21,24 +21,15 @@ from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.drives.drives import TRAJECTORIES
-from icreckon.simulation.drives.recorded import recorded
+from icreckon.simulation.drives.recorded import Recorded, recorded
+from icreckon.simulation.drives.smooth_speeds import Blends, Slalom
 
 RECORDED = "recorded"
 ROUNDING = 1e-9  # rounding error by which a speed may exceed max_track_speed, relative to it
 
 
-class Command(Protocol):
-    """Commanded track speeds as a function of time."""
-
-    def __call__(self, times: Floats) -> Floats:
-        """Track speeds (n, 2) left, right [m/s] at times (n,) [s] since the start."""
-
-    @property
-    def top_speed(self) -> float:
-        """Highest speed of a track, forward or backward [m/s]."""
-
-
-Maker = Callable[..., Command]
+# Track speeds (n, 2) left, right [m/s] at times (n,) [s] since the start.
+Command = Callable[[Floats], Floats]
 # Pairs of options of which the first must not exceed the second.
 ORDERED = {"arcs": ("tightest", "widest"), "slalom": ("lowest", "highest")}
 
@@ -112,7 +103,7 @@ def make_trajectory(
             raise SimulationError(
                 f"trajectory {RECORDED!r} needs trajectory_file, a CSV file with columns t, left, right"
             )
-        command: Command = recorded(recording, **options)
+        command: Recorded | Blends | Slalom = recorded(recording, **options)
     else:
         command = TRAJECTORIES[name](duration, robot, rng, **options)
     top = robot.vehicle.max_track_speed
@@ -146,6 +137,6 @@ def _check_together(name: str, options: Mapping[str, Any]) -> None:
         )
 
 
-def _maker(name: str) -> Maker:
+def _maker(name: str) -> Callable[..., Recorded | Blends | Slalom]:
     """Function of a known trajectory; its keyword-only arguments are the options."""
     return recorded if name == RECORDED else TRAJECTORIES[name]

@@ -4,7 +4,7 @@ Also Table II of the published parameters themselves, and a check that shows tha
 numbers contradict each other.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import NamedTuple
 
 import msgspec
@@ -119,15 +119,11 @@ def reproduce(guess: PaperContact) -> Reproduction:
     values, icrs, parameters, errors = numbers(mapped, guess.reading)
     rows = tuple(
         Row(
-            name=number.name,
-            unit=number.unit,
+            **asdict(number),
             published=number.value,
             reproduced=values[number.name],
             difference_percent=number.difference_percent(values[number.name]),
             rounds_to_published=number.rounds_from(values[number.name]),
-            printed=number.printed,
-            where=number.where,
-            read_off=number.read_off,
         )
         for number in (*PUBLISHED, *READ_OFF)
     )

@@ -21,10 +21,9 @@ from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.streaming.lost import loss_kinds, reason_of
 from icreckon.simulation.base.sampling import sample_times, to_stamps
 from icreckon.simulation.running import streaming_engine as study_streaming
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import encoder_errors, fix_errors, noise_preset
+from icreckon.simulation.scenario import Scenario, errors_of
 from icreckon.simulation.study.cells import Cell, Filter, Plan
-from icreckon.simulation.study.failures import RunScores
+from icreckon.simulation.study.failures import RunScores, unscored
 from icreckon.simulation.study.statistics import (
     SENSORS,
     Segments,
@@ -32,7 +31,6 @@ from icreckon.simulation.study.statistics import (
     path_statistics,
     score_times,
     scored_segments,
-    statistics,
     true_ticks,
 )
 
@@ -48,7 +46,7 @@ def why_not(plan: Plan) -> str | None:
         reason = why_not_steps(*stamps)
         if reason is not None:
             return f"in cell {cell.index}, {reason}"
-        encoders = encoder_errors(cell.robot, scenario.encoders, noise_preset(scenario.noise))
+        encoders = errors_of(scenario, cell.robot).encoders
         if encoders.dropouts_per_hour > 0.0 and scenario.track_rate > scenario.imu_rate:
             return f"in cell {cell.index}, encoders with dropouts are faster than the IMU"
         lowest_rate = min(scenario.imu_rate, scenario.track_rate, scenario.fix_rate or np.inf)
@@ -60,15 +58,12 @@ def why_not(plan: Plan) -> str | None:
     return None
 
 
-def block(
-    cell: Cell, filters: Sequence[Filter], first_run: int, count: int
-) -> dict[str, RunScores]:
+def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> RunScores:
     """Statistics of some runs; see `icreckon.simulation.running.engines.Block`.
 
     A run with absurd readings is repeated by the streaming engine, whose scores count.
     """
-    values = {spec.label: np.empty((count, len(statistics(cell.horizons)))) for spec in filters}
-    reasons = {spec.label: [""] * count for spec in filters}
+    scores = unscored(len(filters), count, cell.horizons)
     times = score_times(cell.scenario)
     batch_filters = [
         BatchFilter(spec.robot, find_variant(spec.variant), spec.settings) for spec in filters
@@ -87,18 +82,18 @@ def block(
         of_lanes = zip(*map(true_ticks, logs), strict=True)
         ticks = TrueTicks(*(np.stack(arrays, axis=1) for arrays in of_lanes))
         group = slice(begin, begin + used_lanes)
-        for label, batch_filter, result in zip(values, batch_filters, results, strict=True):
+        for place, (batch_filter, result) in enumerate(zip(batch_filters, results, strict=True)):
             path = side_by_side(truth_stamps, result)
             errors = path_statistics(path, ticks, segments)
             rows = np.stack([*errors, *_consistency(batch_filter, result)], axis=-1)
-            values[label][group] = rows[:used_lanes]
-            reasons[label][group] = _losses(path, times)[:used_lanes]
+            scores.values[place, group] = rows[:used_lanes]
+            scores.reasons[place, group] = _losses(path, times)[:used_lanes]
         for lane in absurd:
             # A run that the streaming filter rejects must not take the other lanes with it.
-            for label, scores in study_streaming.block(cell, filters, runs[lane], 1).items():
-                values[label][begin + lane] = scores.values[0]
-                reasons[label][begin + lane] = scores.reasons[0]
-    return {label: RunScores(values[label], tuple(reasons[label])) for label in values}
+            repeated = study_streaming.block(cell, filters, runs[lane], 1)
+            scores.values[:, begin + lane] = repeated.values[:, 0]
+            scores.reasons[:, begin + lane] = repeated.reasons[:, 0]
+    return scores
 
 
 def _stamps(scenario: Scenario) -> tuple[Stamps, Stamps, Stamps, Stamps]:
@@ -117,7 +112,7 @@ def _stamps(scenario: Scenario) -> tuple[Stamps, Stamps, Stamps, Stamps]:
 def _schedule(cell: Cell) -> tuple[Stamps, Stamps, Steps, list[Segments]]:
     """Stamps of tracks and truth, steps, and scored segments of all runs of a cell."""
     tracks, imu, fixes, truth = _stamps(cell.scenario)
-    errors = fix_errors(cell.scenario.fixes, noise_preset(cell.scenario.noise))
+    errors = errors_of(cell.scenario, cell.robot).fixes
     steps = steps_of(tracks, imu, fixes, truth, heading=errors.heading_sigma is not None)
     begin, end = min(tracks[0], imu[0]), max(tracks[-1], imu[-1])
     segments = scored_segments(truth, cell.horizons, fixes, int(begin), int(end))

@@ -4,10 +4,10 @@ An engine is a module with a function `block`, and optionally `why_not` of a `Pl
 cannot run that plan, or None.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.simulation.base.errors import SimulationError
@@ -18,21 +18,11 @@ AUTO = "auto"
 ROOM = "icreckon.simulation.running"
 
 
-class Block(Protocol):
-    """Runs of a cell as a pure function, so that it may run anywhere, and again."""
-
-    def __call__(
-        self, cell: Cell, filters: Sequence[Filter], first_run: int, count: int
-    ) -> dict[str, RunScores]:
-        """Compute the statistics of the runs.
-
-        Random numbers are those of `icreckon.simulation.base.random_streams` by the study's seed and the
-        run's index, those of drive and truth by the index modulo `cell.truths`. So cells and filters are
-        paired, run by run.
-
-        Returns:
-            Label of the filter -> statistics (count, n) of the runs, and reasons of those that failed.
-        """
+# Compute a block: cell, filters, first run and number of runs -> statistics of the runs, and reasons of
+# those that failed. It is a pure function, so that it may run anywhere, and again. Random numbers are
+# those of `icreckon.simulation.base.random_streams` by the study's seed and the run's index, those of
+# drive and truth by the index modulo `cell.truths`. So cells and filters are paired, run by run.
+Block = Callable[[Cell, Sequence[Filter], int, int], RunScores]
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.errors import IcreckonError
+from icreckon.estimator.streaming.lost import described
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.running.engines import Engine
+from icreckon.simulation.running.engines import Block, Engine
 from icreckon.simulation.running.manifest import computing_versions
 from icreckon.simulation.running.store import BlockStore, Job, Reasons
 from icreckon.simulation.running.workers import OpenWorkplace, Workplace
 from icreckon.simulation.study.cells import Cell, Plan
-from icreckon.simulation.study.failures import checked, run_by_run
-from icreckon.simulation.study.statistics import statistics
+from icreckon.simulation.study.failures import RunScores, exclude_failed, unscored
 
 MOST_TRIES = 4  # A block is not tried again after this many workers have died in it
 POLL_SECONDS = 0.5  # longest wait for blocks between checks for signals [s]
@@ -47,21 +48,35 @@ def work(engine: Engine, cell: Cell, first_run: int, count: int) -> Worked:
     reasons of failed runs (filters, runs), empty for the others, and the versions of the packages that
     compute.
     """
-    block = engine.block
-    filters = {spec.label: spec for spec in cell.filters}
     try:
-        scores_by_label = block(cell, cell.filters, first_run, count)
+        scores = engine.block(cell, cell.filters, first_run, count)
     except MemoryError:
         raise
     except Exception:
-        runs, width = range(first_run, first_run + count), len(statistics(cell.horizons))
-        scores_by_label = run_by_run(
-            lambda run, label: block(cell, [filters[label]], run, 1)[label], runs, [*filters], width
-        )
-    of_filters = [checked(scores_by_label[label], cell.horizons) for label in filters]
-    values = np.stack([scores.values for scores in of_filters])
-    reasons = np.array([scores.reasons for scores in of_filters], dtype=str)
-    return np.ascontiguousarray(values, dtype=np.float64), reasons, computing_versions()
+        scores = _run_by_run(engine.block, cell, first_run, count)
+    exclude_failed(scores, cell.horizons)
+    return scores.values, scores.reasons.astype(str), computing_versions()
+
+
+def _run_by_run(block: Block, cell: Cell, first_run: int, count: int) -> RunScores:
+    """Score runs one at a time; an exception becomes the reason of a failed run.
+
+    Only MemoryError is raised: it is a failure of the worker, not of the run.
+    """
+    scores = unscored(len(cell.filters), count, cell.horizons)
+    for place, row in np.ndindex(scores.reasons.shape):
+        try:
+            of_one = block(cell, [cell.filters[place]], first_run + row, 1)
+        except MemoryError:
+            raise
+        except IcreckonError as problem:
+            scores.reasons[place, row] = str(problem)
+        except Exception as problem:
+            scores.reasons[place, row] = described(problem)
+        else:
+            scores.values[place, row] = of_one.values[0, 0]
+            scores.reasons[place, row] = of_one.reasons[0, 0]
+    return scores
 
 
 class Runner:

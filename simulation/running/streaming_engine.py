@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import chain
-from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -23,44 +22,34 @@ from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import Rows
 from icreckon.simulation.base.random_streams import random_streams
 from icreckon.simulation.base.sampling import to_stamps
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec, fix_errors, noise_preset
-from icreckon.simulation.simulate import Perfect, drive, perfect, sensed, truth_of
+from icreckon.simulation.scenario import Scenario, errors_of
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import Perfect, drive, measured, perfect, truth_of
 from icreckon.simulation.study.cells import Cell, Filter
-from icreckon.simulation.study.failures import RunScores
-from icreckon.simulation.study.statistics import run_statistics, score_times, statistics
+from icreckon.simulation.study.failures import RunScores, unscored
+from icreckon.simulation.study.statistics import run_statistics, score_times
 
 # Truths kept in memory: enough for a few concurrent blocks; cells that share them are consecutive.
 KEPT_TRUTHS = 160
-SENSED = (
-    "noise",
-    "outages",
-    "encoders",
-    "gyro",
-    "accelerometer",
-)  # keys that error-free readings lack
+# Keys that error-free readings lack.
+SENSED = ("noise", "outages", "encoders", "gyro", "accelerometer")
 
 
-def block(
-    cell: Cell, filters: Sequence[Filter], first_run: int, count: int
-) -> dict[str, RunScores]:
+def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> RunScores:
     """Statistics of some runs; see `icreckon.simulation.running.engines.Block`."""
-    width = len(statistics(cell.horizons))
-    values = {spec.label: np.full((count, width), np.nan) for spec in filters}
-    reasons: dict[str, list[str]] = {spec.label: [] for spec in filters}
+    scores = unscored(len(filters), count, cell.horizons)
     for row in range(count):
         log = study_log(cell, first_run + row)
         times = score_times(cell.scenario)
         measured = replace(log, truth=None)
-        for spec in filters:
+        for place, spec in enumerate(filters):
             try:
                 result = _run(measured, spec, times)
             except LostFilter as lost:
-                reasons[spec.label].append(lost.reason)
-                continue
-            reasons[spec.label].append("")
-            values[spec.label][row] = run_statistics(result, log, cell.horizons)
-    return {label: RunScores(values[label], tuple(reasons[label])) for label in values}
+                scores.reasons[place, row] = lost.reason
+            else:
+                scores.values[place, row] = run_statistics(result, log, cell.horizons)
+    return scores
 
 
 @np.errstate(all="ignore")
@@ -99,13 +88,6 @@ def _run(log: Log, chosen: Filter, times: Floats) -> Run:
     return run
 
 
-class TrueRun(NamedTuple):
-    """Error-free sensor readings of one true motion, and the truth to score against."""
-
-    perfect: Perfect
-    truth: Truth  # at `score_times`
-
-
 def study_log(cell: Cell, run_index: int) -> Log:
     """Simulated log of a run.
 
@@ -117,18 +99,20 @@ def study_log(cell: Cell, run_index: int) -> Log:
     # Reduced to the keys that affect error-free readings, and encoded: they are the key of the cache.
     defaults = {key: getattr(Scenario(), key) for key in SENSED}
     # The latency decides which poses the fixes measure.
-    latency = fix_errors(scenario.fixes, noise_preset(scenario.noise)).latency
+    latency = errors_of(scenario, robot).fixes.latency
     driven = msgspec.structs.replace(scenario, **defaults, fixes=FixSpec(latency=latency))
     true = _true_run(msgpack.encode(driven), msgpack.encode(robot), run_index % cell.truths)
-    read = sensed(true.perfect, scenario, robot, random_streams(scenario.seed, run_index))
-    name = f"{robot.name} {scenario.trajectory} seed {scenario.seed} run {run_index}"
-    return Log(name, read.tracks, read.imu.series, read.fixes, true.truth)
+    log, _ = measured(*true, scenario, robot, run_index)
+    return log
 
 
 @lru_cache(KEPT_TRUTHS)
-def _true_run(scenario_data: bytes, robot_data: bytes, truth_index: int) -> TrueRun:
-    """Drive a true motion, by its index, of an encoded scenario and robot."""
+def _true_run(scenario_data: bytes, robot_data: bytes, truth_index: int) -> tuple[Perfect, Truth]:
+    """Drive a true motion, by its index, of an encoded scenario and robot.
+
+    Returns error-free readings, and the truth to score against, at `score_times`.
+    """
     scenario = msgpack.decode(scenario_data, type=Scenario)
     robot = msgpack.decode(robot_data, type=Robot)
     motion = drive(scenario, robot, random_streams(scenario.seed, truth_index))
-    return TrueRun(perfect(motion, scenario, robot), truth_of(motion, score_times(scenario)))
+    return perfect(motion, scenario, robot), truth_of(motion, score_times(scenario))

@@ -5,7 +5,7 @@ the defaults of `EncoderErrors`, `InertialErrors` or `FixErrors`: no such error,
 These three classes document all parameters.
 """
 
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import msgspec
 
@@ -100,6 +100,15 @@ class SensorSpecs(msgspec.Struct, frozen=True, kw_only=True):
     fixes: FixSpec = FixSpec()
 
 
+class SensorErrors(NamedTuple):
+    """Errors of all sensors."""
+
+    encoders: EncoderErrors
+    gyro: InertialErrors
+    accelerometer: InertialErrors
+    fixes: FixErrors
+
+
 def _grade(gyro: tuple[float, ...], accelerometer: tuple[float, ...]) -> SensorSpecs:
     """IMU of a grade: its parameters in the order of `GRADED`."""
     of_gyro, of_accelerometer = (
@@ -155,40 +164,30 @@ def noise_preset(name: str) -> SensorSpecs:
     return NOISE_PRESETS[name]
 
 
-def encoder_errors(robot: Robot, spec: EncoderSpec, preset: SensorSpecs) -> EncoderErrors:
-    """Encoder errors from a specification, the preset, and the robot file."""
-    of_robot = EncoderSpec(
-        speed_noise_density=robot.tracks.speed_noise_density, scale_sigma=robot.tracks.scale_sigma
+def sensor_errors(specs: SensorSpecs, noise: str, robot: Robot) -> SensorErrors:
+    """Errors of all sensors from specifications, a preset (name), and the robot file."""
+    preset, tracks, imu = noise_preset(noise), robot.tracks, robot.imu
+    of_encoders = EncoderSpec(
+        speed_noise_density=tracks.speed_noise_density, scale_sigma=tracks.scale_sigma
     )
-    return _in_force(EncoderErrors, ENCODER_SCALED, spec, preset.encoders, of_robot)
-
-
-def gyro_errors(robot: Robot, spec: InertialSpec, preset: SensorSpecs) -> InertialErrors:
-    """Gyro errors from a specification, the preset, and the robot file."""
-    imu = robot.imu
-    of_robot = InertialSpec(
+    of_gyro = InertialSpec(
         noise_density=imu.gyro_noise_density,
         bias_sigma=imu.gyro_bias_sigma,
         bias_walk=imu.gyro_bias_walk,
         scale_sigma=imu.gyro_scale_sigma,
     )
-    return _in_force(InertialErrors, INERTIAL_SCALED, spec, preset.gyro, of_robot)
-
-
-def accelerometer_errors(robot: Robot, spec: InertialSpec, preset: SensorSpecs) -> InertialErrors:
-    """Accelerometer errors from a specification, the preset, and the robot file."""
-    imu = robot.imu
-    of_robot = InertialSpec(
+    of_accelerometer = InertialSpec(
         noise_density=imu.accelerometer_noise_density,
         bias_sigma=imu.accelerometer_bias_sigma,
         bias_walk=imu.accelerometer_bias_walk,
     )
-    return _in_force(InertialErrors, INERTIAL_SCALED, spec, preset.accelerometer, of_robot)
-
-
-def fix_errors(spec: FixSpec, preset: SensorSpecs) -> FixErrors:
-    """Position fix errors from a specification and the preset alone."""
-    return _in_force(FixErrors, FIX_SCALED, spec, preset.fixes)
+    kind, scaled = InertialErrors, INERTIAL_SCALED
+    return SensorErrors(
+        _in_force(EncoderErrors, ENCODER_SCALED, specs.encoders, preset.encoders, of_encoders),
+        _in_force(kind, scaled, specs.gyro, preset.gyro, of_gyro),
+        _in_force(kind, scaled, specs.accelerometer, preset.accelerometer, of_accelerometer),
+        _in_force(FixErrors, FIX_SCALED, specs.fixes, preset.fixes),
+    )
 
 
 def _in_force(

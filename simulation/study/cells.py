@@ -16,15 +16,8 @@ from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import FixWander, Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.scenario import Scenario, change_scenario, merged
+from icreckon.simulation.scenario import Scenario, change_scenario, errors_of, merged
 from icreckon.simulation.sensors.imu import InertialErrors
-from icreckon.simulation.sensors.specs import (
-    accelerometer_errors,
-    encoder_errors,
-    fix_errors,
-    gyro_errors,
-    noise_preset,
-)
 from icreckon.simulation.study.plan import MOST_CELLS, LatinHypercube, Study, nest
 from icreckon.simulation.truth.terrain import NEEDS, Terrain, refuse_idle_keys
 
@@ -164,7 +157,7 @@ def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
 def _aware_of_wander(settings: Settings, robot: Robot, scenario: Scenario) -> Settings:
     """Settings with the wander of the scenario's fixes, unless they have one."""
     # The wander of a robot file is that of the fixes of its logs.
-    errors = fix_errors(scenario.fixes, noise_preset(scenario.noise))
+    errors = errors_of(scenario, robot).fixes
     wanders = errors.wander_sigma > 0.0
     if settings.wander is not None or not (wanders or FixWander.of(robot).sigma):
         return settings
@@ -204,10 +197,7 @@ def _cell(
 
 def _with_noise_of(robot: Robot, true_robot: Robot, scenario: Scenario) -> Robot:
     """Robot file with the noise of the simulated IMU and encoders."""
-    preset = noise_preset(scenario.noise)
-    gyro = gyro_errors(true_robot, scenario.gyro, preset)
-    force = accelerometer_errors(true_robot, scenario.accelerometer, preset)
-    encoders = encoder_errors(true_robot, scenario.encoders, preset)
+    encoders, gyro, force, _ = errors_of(scenario, true_robot)
     # The larger one of simulation and file, which includes vibration and slopes.
     accelerometer_noise = max(force.noise_density, robot.imu.accelerometer_noise_density)
     imu = {

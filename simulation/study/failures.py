@@ -5,14 +5,12 @@ A failed run has no statistics: all its values are NaN, so that it enters no sum
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.errors import IcreckonError
-from icreckon.estimator.streaming.lost import described
 from icreckon.simulation.study.statistics import Statistic, statistics
 
 # Largest plausible value of a statistic by its unit; working filters are far below.
@@ -31,49 +29,27 @@ LONGEST_REASON = 300  # longest stored reason, in characters
 
 
 class RunScores(NamedTuple):
-    """Statistics of some runs of a filter."""
+    """Statistics of some runs of some filters."""
 
-    values: Floats  # (count, n) in the order of `icreckon.simulation.study.statistics.statistics`
-    reasons: tuple[str, ...]  # (count,) reason of each failed run; empty for the others
+    # (filters, count, n) in the order of `icreckon.simulation.study.statistics.statistics`
+    values: Floats
+    reasons: Any  # (filters, count) reason of each failed run, as text; empty for the others
 
 
-def checked(scores: RunScores, horizons: Sequence[float]) -> RunScores:
-    """Exclude failed runs: add reasons for impossible values, set all values to NaN."""
+def unscored(filters: int, count: int, horizons: Sequence[float]) -> RunScores:
+    """Scores to be filled in: NaN, and no reasons."""
+    values = np.full((filters, count, len(statistics(horizons))), math.nan)
+    return RunScores(values, np.full((filters, count), "", dtype=object))
+
+
+def exclude_failed(scores: RunScores, horizons: Sequence[float]) -> None:
+    """Add reasons for impossible values, and set all values of failed runs to NaN."""
     kinds = statistics(horizons)
-    values, reasons = scores.values.copy(), []
-    for row, reason in zip(values, scores.reasons, strict=True):
-        failure = (reason or _why_impossible(row, kinds))[:LONGEST_REASON]
-        reasons.append(failure)
-        if failure:
-            row[:] = math.nan
-    return RunScores(values, tuple(reasons))
-
-
-def run_by_run(
-    one_run: Callable[[int, str], RunScores], runs: range, labels: Sequence[str], width: int
-) -> dict[str, RunScores]:
-    """Score runs one at a time; an exception becomes the reason of a failed run.
-
-    Only MemoryError is raised: it is a failure of the worker, not of the run. `one_run` scores a run,
-    by its index, by a filter, by its label; `width` is the number of statistics.
-    """
-    by_label = {}
-    for label in labels:
-        values, reasons = np.full((len(runs), width), math.nan), []
-        for row, run in enumerate(runs):
-            try:
-                scores = one_run(run, label)
-            except MemoryError:
-                raise
-            except IcreckonError as problem:
-                reasons.append(str(problem))
-            except Exception as problem:
-                reasons.append(described(problem))
-            else:
-                values[row] = scores.values[0]
-                reasons += scores.reasons
-        by_label[label] = RunScores(values, tuple(reasons))
-    return by_label
+    for run in np.ndindex(scores.reasons.shape):
+        reason = scores.reasons[run] or _why_impossible(scores.values[run], kinds)
+        scores.reasons[run] = reason[:LONGEST_REASON]
+        if reason:
+            scores.values[run] = math.nan
 
 
 def failures_of(reasons: Any, labels: Sequence[str]) -> list[dict[str, Any]]:

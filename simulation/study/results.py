@@ -40,8 +40,7 @@ class Runs:
 
     plan: Plan  # the study
     values: Floats  # (filters, cells, runs, statistics); NaN for failed runs
-    # (filters, cells, runs) reasons of failed runs, empty for others; None if none failed
-    reasons: Any = None
+    reasons: Any  # (filters, cells, runs) reasons of failed runs, as text; empty for others
 
     @property
     def motions(self) -> Any:
@@ -54,34 +53,28 @@ class Runs:
         return statistics(self.plan.study.horizons)
 
 
-@dataclass(frozen=True)
-class Group:
-    """Cells combined in a figure or a table: name, place on the axis, cells."""
-
-    name: str
-    value: Value
-    cells: tuple[int, ...]
-
-
 def cell_summaries(runs: Runs) -> list[list[list[Summary]]]:
     """Summaries by cell, filter and statistic."""
     return [_summaries(runs, (cell.index,)) for cell in runs.plan.cells]
 
 
-def groups_of(plan: Plan, axis: Axis) -> list[Group]:
-    """Cells by their value of an axis; of a Latin hypercube, `GROUPS` of neighbours."""
+def groups_of(plan: Plan, axis: Axis) -> list[Results]:
+    """Cells by their value of an axis; of a Latin hypercube, `GROUPS` of neighbours.
+
+    A group has a name, a value as its place on the axis, and the indices of its cells.
+    """
+    value_of = {cell.index: cell.values[axis.name] for cell in plan.cells}
     groups = []
     if not axis.sampled:
         for value in axis.values:
-            cells = tuple(cell.index for cell in plan.cells if cell.values[axis.name] == value)
-            groups.append(Group(shown(value), value, cells))
+            cells = [index for index, own in value_of.items() if own == value]
+            groups.append({"name": shown(value), "value": value, "cells": cells})
         return groups
     for part in np.array_split(np.array(axis.values, dtype=float), min(GROUPS, len(axis.values))):
         low, high = float(part[0]), float(part[-1])
         middle = float(np.sqrt(low * high) if axis.scale == "log" else 0.5 * (low + high))
-        value_of = {cell.index: float(cell.values[axis.name]) for cell in plan.cells}
-        cells = tuple(index for index, value in value_of.items() if low <= value <= high)
-        groups.append(Group(f"{low:.3g} to {high:.3g}", middle, cells))
+        cells = [index for index, own in value_of.items() if low <= float(own) <= high]
+        groups.append({"name": f"{low:.3g} to {high:.3g}", "value": middle, "cells": cells})
     return groups
 
 
@@ -130,12 +123,7 @@ def study_results(runs: Runs, manifest: Results, cells: Sequence[list[list[Summa
 def _groups(runs: Runs, axis: Axis) -> list[Results]:
     """Summaries of the cells that share a value of an axis."""
     return [
-        {
-            "name": group.name,
-            "value": group.value,
-            "cells": list(group.cells),
-            "variants": _by_variant(runs, _summaries(runs, group.cells)),
-        }
+        group | {"variants": _by_variant(runs, _summaries(runs, group["cells"]))}
         for group in groups_of(runs.plan, axis)
     ]
 
@@ -158,7 +146,7 @@ def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
 
 def _failed(runs: Runs) -> dict[str, Any]:
     """Failed runs: their number of all runs, with cells and reasons."""
-    failures = [] if runs.reasons is None else failures_of(runs.reasons, runs.plan.labels)
+    failures = failures_of(runs.reasons, runs.plan.labels)
     return {
         "runs": sum(failure["runs"] for failure in failures),
         "of": math.prod(runs.values.shape[:3]),
@@ -243,7 +231,7 @@ def _final_errors(runs: Runs) -> list[dict[str, Any]]:
     plan = runs.plan
     column = [statistic.name for statistic in runs.statistics].index(FINAL_ERROR)
     axis_name = ""
-    groups = [Group("all runs", "", tuple(cell.index for cell in plan.cells))]
+    groups: list[Results] = [{"name": "all runs", "cells": range(len(plan.cells))}]
     if plan.axes:
         axis_name = plan.axes[0].name
         groups = groups_of(plan, plan.axes[0])
@@ -253,12 +241,14 @@ def _final_errors(runs: Runs) -> list[dict[str, Any]]:
     for group in groups:
         percentiles = {}
         for label, values in zip(plan.labels, runs.values[..., column], strict=True):
-            errors = values[list(group.cells)].ravel()
+            errors = values[list(group["cells"])].ravel()
             errors = errors[np.isfinite(errors)]
             if len(errors):
                 exact = np.percentile(errors, PERCENTILES).tolist()
                 percentiles[label] = [float(f"{value:.{SHOWN_DIGITS}g}") for value in exact]
-        distributions.append({"axis": axis_name, "group": group.name, "percentiles": percentiles})
+        distributions.append(
+            {"axis": axis_name, "group": group["name"], "percentiles": percentiles}
+        )
     return distributions
 
 

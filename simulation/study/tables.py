@@ -35,9 +35,8 @@ def runs_parquet(runs: Runs) -> bytes:
     columns = _key_columns(plan, count)
     columns["run"] = np.tile(np.arange(count, dtype=np.int64), cells * filters)
     # The arrays of the runs begin with filters, the rows of the table with cells.
-    if runs.reasons is not None:
-        reasons = runs.reasons.swapaxes(0, 1).reshape(-1)
-        columns["failed"] = np.where(reasons == "", None, reasons)
+    reasons = runs.reasons.swapaxes(0, 1).reshape(-1)
+    columns["failed"] = np.where(reasons == "", None, reasons)
     columns["true_motion"] = np.tile(runs.motions.astype(np.int64), cells * filters)
     rows = runs.values.swapaxes(0, 1).reshape(cells * filters * count, -1)
     for kind, values in zip(runs.statistics, rows.T, strict=True):

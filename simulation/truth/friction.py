@@ -5,6 +5,7 @@ points (`icreckon.simulation.contact.contact`) move the body, with the robot's i
 terrain and payload. Its steady motion is that of `icreckon.simulation.contact.steady_state`.
 """
 
+import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple
@@ -19,7 +20,7 @@ from icreckon.estimator.base.frames import paper_to_rep103, rotate
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import LOAD_LAG, Robot
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.contact.contact import Contact, ground
+from icreckon.simulation.contact.contact import Body, Contact, ground
 from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.drives.trajectories import Command
 from icreckon.simulation.truth.terrain import (
@@ -81,12 +82,13 @@ class FrictionTruth:
     terrain: Terrain | None = None  # shape of the ground; None for level ground
     patches: tuple[Patch, ...] = ()  # ground that differs along the path
     payloads: tuple[Payload, ...] = ()  # loads along the path
-    tolerance: float = TOLERANCE  # relative error allowed per integration step
 
     def run(
         self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
     ) -> TrueMotion:
-        """Simulate the motion; see `TruthModel.run`.
+        """Simulate the motion over a duration [s], with grid points at a rate [Hz].
+
+        `rng` draws the differences from the robot file, and slip.
 
         Raises:
             SimulationError: the vehicle cannot stand on its contact (with its payload), tips over,
@@ -112,7 +114,6 @@ class FrictionTruth:
             patches=self.patches,
             payloads=self.payloads,
             load_lag=robot.vehicle.load_lag,
-            tolerance=self.tolerance,
             slip=slip,
         )
         if driven.tipping.any():
@@ -157,7 +158,6 @@ def drive(
     Raises:
         SimulationError: the loaded vehicle cannot stand, or the integration fails.
     """
-    from icreckon.simulation.contact.contact_forces import mass_matrix
     from icreckon.simulation.truth import friction_ode as ode
 
     count = len(speeds)
@@ -182,8 +182,7 @@ def drive(
             ) from error
         scales = np.array([SMALL_VELOCITY] * 3 + [SMALL_LOAD * body.weight] * 2 + [SMALL_YAW])
         span = slice(first, last + 1)
-        mass = mass_matrix(body.mass, body.x_CM, body.y_CM, inertia)
-        inverse_mass = np.asarray(np.linalg.inv(mass), float)
+        inverse_mass = np.asarray(np.linalg.inv(mass_matrix(body, inertia)), float)
         vehicle = ode.Vehicle(ground(loaded_contact), inverse_mass, load_lag)
         grid = (np.ascontiguousarray(values[span]) for values in (speeds, speed_rates))
         tracks = ode.DrivenTracks(first * step, step, *grid)
@@ -198,6 +197,18 @@ def drive(
     return Drive(states[:, :3], states[:, 3:5], slopes, tipping)
 
 
+def mass_matrix(body: Body, yaw_inertia: float) -> Floats:
+    """Mass matrix (3, 3) about the origin of v_x, v_y, w.
+
+    The moment of inertia is about the vertical through the centre of mass [kg m²].
+    """
+    mass, x, y = body.mass, body.x_CM, body.y_CM
+    about_origin = yaw_inertia + mass * (x * x + y * y)
+    return np.array(
+        [[mass, 0.0, -mass * y], [0.0, mass, mass * x], [-mass * y, mass * x, about_origin]]
+    )
+
+
 def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats, Floats]:
     """Track speeds (n, 2) [m/s] with a first-order lag behind commands, and rates.
 
@@ -205,11 +216,15 @@ def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats,
     """
     if time_constant <= 0.0:
         return commands, np.gradient(commands, step, axis=0)
-    from icreckon.simulation.truth.friction_ode import lag
+    from scipy.signal import lfilter
 
-    speeds = np.empty_like(commands)
-    speeds[0] = commands[0]
-    lag(np.ascontiguousarray(commands), step, time_constant, speeds)
+    decay = math.exp(-step / time_constant)
+    share = (1.0 - decay) * time_constant / step
+    of_newer, of_older = 1.0 - share, share - decay
+    # The filter begins in the steady state of the first command.
+    before = decay * commands[:1] + of_older * commands[:1]
+    behind, _ = lfilter([of_newer, of_older], [1.0, -decay], commands[1:], axis=0, zi=before)
+    speeds = np.concatenate([commands[:1], behind])
     return speeds, (commands - speeds) / time_constant
 
 

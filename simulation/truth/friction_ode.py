@@ -83,18 +83,12 @@ class Vehicle(NamedTuple):
     load_lag: float  # time constant T of the load transfer [s]
 
 
-class Forces(NamedTuple):
-    """The ground's forces on the vehicle, and room for what they are computed from."""
-
-    loads: PointLoads  # loads of the contact points
-    values: Floats  # (3,) force and moment [N, N, N m]
-    jacobian: Floats  # (3, COLUMNS) their derivatives
-
-
 class StepRoom(NamedTuple):
     """Room for what a step computes; `trial` is its solution."""
 
-    forces: Forces  # forces of the ground
+    loads: PointLoads  # loads of the contact points
+    forces: Floats  # (3,) the ground's force and moment on the vehicle [N, N, N m]
+    jacobian: Floats  # (3, COLUMNS) their derivatives
     by_state: Floats  # (6, 6) derivatives of the rates by the state
     by_time: Floats  # (6,) their derivatives by time
     matrix: Floats  # (6, 6) factors of the linear system of all stages
@@ -137,24 +131,6 @@ class Tolerance(NamedTuple):
 
 
 @compiled
-def lag(commands: Floats, step: float, time_constant: float, speeds: Floats) -> None:
-    """Compute speeds (n, 2) behind commands (n, 2) with a first-order lag, in place.
-
-    Commands are linear between samples. The first row of the speeds is the initial value.
-    """
-    if speeds.shape != commands.shape or commands.shape[1] != 2:
-        raise ValueError(WRONG_SIZE)
-    decay = np.exp(-step / time_constant)
-    share = (1.0 - decay) * time_constant / step
-    for k in range(1, len(commands)):
-        for side in range(2):
-            before, after = commands[k - 1, side], commands[k, side]
-            speeds[k, side] = (
-                decay * speeds[k - 1, side] + (share - decay) * before + (1.0 - share) * after
-            )
-
-
-@compiled
 def integrate(
     vehicle: Vehicle,
     surface: Surface,
@@ -185,7 +161,7 @@ def integrate(
     if not sizes_fit or patches.shape[1] != PATCH_WIDTH or tolerance.absolute.shape != (SIZE,):
         raise ValueError(WRONG_SIZE)
     room = _step_room(len(vehicle.ground.x))
-    forces, by_state, by_time, matrix, pivots, stages, rate, trial = room
+    _, _, _, by_state, by_time, matrix, pivots, stages, rate, trial = room
     ground = vehicle.ground
     under_tracks = TrackGround(ground.friction, ground.rolling_resistance)
     outside_patches = TrackGround(ground.friction.copy(), ground.rolling_resistance.copy())
@@ -201,7 +177,7 @@ def integrate(
             _set_slope(gravity_on(p_x, p_y, pose[2]), states[k, YAW], slopes[k])
         if k + 1 == len(speeds):
             break
-        pressing = _pressing(ground, slopes[k])
+        weight = _pressing(ground, slopes[k])
         y = states[k + 1]
         y[:] = states[k]
         done = 0.0  # share of the way to the next grid point [-]
@@ -219,14 +195,11 @@ def integrate(
                 share = done + STAGE_TIMES[stage] * h / step
                 left, left_rate = _speed_at(speeds, speed_rates, k, 0, step, share)
                 right, right_rate = _speed_at(speeds, speed_rates, k, 1, step, share)
-                tips = _rates(vehicle, pressing, slopes[k], trial, (left, right), forces, rate)
+                tips = _rates(vehicle, weight, slopes[k], trial, (left, right), room)
                 if stage == 0:
                     if done == 0.0:
                         tipping[k] = tips
-                    speed_rate, jacobian = (left_rate, right_rate), forces.jacobian
-                    _rate_derivatives(
-                        vehicle, pressing, slopes[k], y, speed_rate, jacobian, by_state, by_time
-                    )
+                    _rate_derivatives(vehicle, slopes[k], y, (left_rate, right_rate), room)
                     for row in range(SIZE):
                         for column in range(SIZE):
                             matrix[row, column] = -by_state[row, column]
@@ -260,9 +233,10 @@ def integrate(
 @compiled
 def _step_room(points: int) -> StepRoom:
     """Room for the steps of a vehicle with `points` contact points."""
-    loads = PointLoads(np.empty(points), np.empty(points), np.empty(points))
     return StepRoom(
-        Forces(loads, np.empty(3), np.empty((3, COLUMNS))),
+        PointLoads(np.empty(points), np.empty(points), np.empty(points)),
+        np.empty(3),
+        np.empty((3, COLUMNS)),
         np.empty((SIZE, SIZE)),
         np.empty(SIZE),
         np.empty((SIZE, SIZE)),
@@ -300,30 +274,28 @@ def _next_step(h: float, error: float) -> float:
 @compiled
 def _rates(
     vehicle: Vehicle,
-    pressing: Ground,
+    weight: float,
     slope: Floats,
     y: Floats,
     V: tuple[float, float],
-    forces: Forces,
-    rate: Floats,
+    room: StepRoom,
 ) -> bool:
-    """Compute the rates (6,) of the state, in place; return True if the vehicle tips.
+    """Compute the rates of the state, in place; return True if the vehicle tips.
 
-    `pressing` is from `_pressing`. `forces` is overwritten with the ground's forces and derivatives.
+    `weight` is from `_pressing`. The ground's forces and derivatives are overwritten, too.
     """
     v_x, v_y, w = y[0], y[1], y[2]
-    values, jacobian = forces.values, forces.jacobian
+    values, rate = room.forces, room.rate
     values[:] = 0.0
-    jacobian[:] = 0.0
-    q_right, q_forward = y[FORCE_RIGHT], y[FORCE_FORWARD]
-    loads, by_right, by_forward = forces.loads
-    tips = point_loads(pressing, q_right, q_forward, loads, by_right, by_forward)
-    add_track_forces(pressing, (v_x, v_y, w), V, forces.loads, values, jacobian)
+    room.jacobian[:] = 0.0
+    ground, q_right, q_forward = vehicle.ground, y[FORCE_RIGHT], y[FORCE_FORWARD]
+    tips = point_loads(ground, weight, q_right, q_forward, room.loads)
+    add_track_forces(ground, (v_x, v_y, w), V, room.loads, values, room.jacobian)
     rate[FORCE_RIGHT] = (-values[0] - q_right) / vehicle.load_lag
     rate[FORCE_FORWARD] = (-values[1] - q_forward) / vehicle.load_lag
     rate[YAW] = w
-    x, y_CM, _ = pressing.centre
-    M, (g_right, g_forward) = pressing.mass, _in_body(slope, y[YAW])
+    x, y_CM, _ = ground.centre
+    M, (g_right, g_forward) = ground.mass, _in_body(slope, y[YAW])
     right = M * (w * (v_y + x * w) + g_right)
     forward = M * (w * (y_CM * w - v_x) + g_forward)
     f_x, f_y = values[0] + right, values[1] + forward
@@ -336,20 +308,14 @@ def _rates(
 
 @compiled
 def _rate_derivatives(
-    vehicle: Vehicle,
-    pressing: Ground,
-    slope: Floats,
-    y: Floats,
-    speed_rate: tuple[float, float],
-    jacobian: Floats,
-    by_state: Floats,
-    by_time: Floats,
+    vehicle: Vehicle, slope: Floats, y: Floats, speed_rate: tuple[float, float], room: StepRoom
 ) -> None:
     """Compute derivatives of `_rates` by state (6, 6) and by time (6,), in place."""
+    jacobian, by_state, by_time = room.jacobian, room.by_state, room.by_time
     by_state[:] = 0.0
     v_x, v_y, w = y[0], y[1], y[2]
-    x, y_CM, _ = pressing.centre
-    M, (g_right, g_forward) = pressing.mass, _in_body(slope, y[YAW])
+    x, y_CM, _ = vehicle.ground.centre
+    M, (g_right, g_forward) = vehicle.ground.mass, _in_body(slope, y[YAW])
     for column in range(SIZE):
         right = forward = f_x = f_y = moment = 0.0
         if column == 0:
@@ -393,26 +359,11 @@ def _in_body(slope: Floats, yaw: float) -> tuple[float, float]:
 
 
 @compiled
-def _pressing(ground: Ground, slope: Floats) -> Ground:
-    """Contact pressed by the part of the weight that is square to the slope."""
+def _pressing(ground: Ground, slope: Floats) -> float:
+    """Part of the weight that is square to the slope [N]."""
     flat = ground.weight / ground.mass  # acceleration of gravity [m/s²]
     down = np.sqrt(max(flat * flat - slope[0] * slope[0] - slope[1] * slope[1], 0.0))
-    return Ground(
-        ground.x,
-        ground.y,
-        ground.share,
-        ground.even,
-        ground.half_gauge,
-        ground.outline,
-        ground.friction,
-        ground.rolling_resistance,
-        ground.shear_modulus,
-        ground.small,
-        ground.opposes_travel,
-        ground.mass,
-        ground.mass * down,
-        ground.centre,
-    )
+    return float(ground.mass * down)
 
 
 @compiled

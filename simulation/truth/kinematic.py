@@ -17,7 +17,7 @@ from icreckon.estimator.base.state import PARAMETER_COUNT as COUNT
 from icreckon.estimator.motion.bounds import ETA0
 from icreckon.estimator.motion.lagged_index_model import advanced, evaluate
 from icreckon.estimator.motion.motion_model import VehicleConstants
-from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
+from icreckon.estimator.robot.robot_file import Indices, Robot
 from icreckon.estimator.robot.variants import find_variant, initial_parameters
 from icreckon.simulation.drives.trajectories import Command
 from icreckon.simulation.truth.true_motion import (
@@ -39,13 +39,12 @@ class KinematicTruth:
 
     name: ClassVar[str] = "kinematic"
     spread: float = DEFAULT_SPREAD  # relative spread of the true parameters; see `draw_parameters`
-    slip: Slip = TRUE_SLIP  # size and correlation time of the slip residual, a Gauss-Markov process
-    slip_noise: float = 1.0  # factor on its size [-]
+    slip_noise: float = 1.0  # factor on the slip residual `true_motion.TRUE_SLIP` [-]
 
     def run(
         self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
     ) -> TrueMotion:
-        """Simulate the motion; see `TruthModel.run`, and `draw_parameters`."""
+        """Simulate the motion; see `FrictionTruth.run`, and `draw_parameters`."""
         parameters = draw_parameters(robot, self.spread, rng)
         speeds = command(grid_times(duration, rate))
         vehicle = robot.constants
@@ -57,7 +56,7 @@ class KinematicTruth:
         entry(lagged_twists)(np.ascontiguousarray(speeds), decay, values, vehicle, solved)
         v_x, v_y = paper_to_rep103(solved[:, 0], solved[:, 1])
         effective_gauge = robot.vehicle.track_gauge * parameters.eta0
-        slip = slip_residual(speeds, self.slip, effective_gauge, 1.0 / rate, rng)
+        slip = slip_residual(speeds, TRUE_SLIP, effective_gauge, 1.0 / rate, rng)
         twists = np.stack([v_x, v_y, solved[:, 2]], axis=-1) + self.slip_noise * slip
         return true_motion(rate, twists, speeds, self.name, parameters)
 

@@ -75,24 +75,12 @@ def look_up(
 
 
 @compiled
-def height(surface: Surface, x: float, y: float) -> float:
-    """Height h(x, y) of the ground [m]; u and v are the axes of `Surface`."""
-    cos, sin = surface.direction
-    u, v = cos * x + sin * y, cos * y - sin * x
-    number, (u_phase, v_phase, _) = surface.wave_number, surface.phases
-    risen, _ = _kerbs(surface, u)
-    waves = surface.waves / number * (np.sin(number * u + u_phase) + np.sin(number * v + v_phase))
-    return float(surface.plane * u + waves + risen)
-
-
-@compiled
 def gradient(surface: Surface, x: float, y: float) -> tuple[float, float]:
-    """Gradient (p_x, p_y) of the height [-]."""
+    """Gradient (p_x, p_y) of the height at x, y [m]; u, v are the axes of `Surface`."""
     cos, sin = surface.direction
     u, v = cos * x + sin * y, cos * y - sin * x
     number, (u_phase, v_phase, _) = surface.wave_number, surface.phases
-    _, rise = _kerbs(surface, u)
-    by_u = surface.plane + surface.waves * np.cos(number * u + u_phase) + rise
+    by_u = surface.plane + surface.waves * np.cos(number * u + u_phase) + _kerb_slope(surface, u)
     by_v = surface.waves * np.cos(number * v + v_phase)
     return cos * by_u - sin * by_v, sin * by_u + cos * by_v
 
@@ -204,18 +192,17 @@ def ride_along(
 
 
 @compiled
-def _kerbs(surface: Surface, u: float) -> tuple[float, float]:
-    """Height [m] and slope [-] of the kerbs at u: cycloids, up and down in turn."""
+def _kerb_slope(surface: Surface, u: float) -> float:
+    """Slope of the kerbs at u [-]: cycloids, up and down in turn."""
     if surface.kerb_height == 0.0:
-        return 0.0, 0.0
+        return 0.0
     place = u / surface.kerb_every + surface.phases[2]
     number = np.floor(place)  # even kerbs go up, odd ones down
     share = min((place - number) * surface.kerb_every / surface.kerb_length, 1.0)
-    angle = 2.0 * np.pi * share
-    risen, slope = share - np.sin(angle) / (2.0 * np.pi), 1.0 - np.cos(angle)
+    slope = 1.0 - np.cos(2.0 * np.pi * share)
     if number % 2.0 == 1.0:
-        risen, slope = 1.0 - risen, -slope
-    return surface.kerb_height * risen, surface.kerb_height / surface.kerb_length * slope
+        slope = -slope
+    return float(surface.kerb_height / surface.kerb_length * slope)
 
 
 @compiled

@@ -31,19 +31,11 @@ HEAVIEST = 1e6  # heaviest payload [kg]
 PATCH_WIDTH = 13  # numbers of a patch in the equations; `surface_kernel` lists them
 
 
-class Needs(NamedTuple):
-    """Keys of `[terrain]` of which another key needs one."""
-
-    keys: tuple[str, ...]  # the keys
-    without: str  # what the ground is without them
-
-
+# Keys of `[terrain]` of which each needs one of others, and what the ground is without them.
 NEEDS = {
-    "uphill_deg": Needs(
-        ("slope_deg", "rolling_deg", "kerb_height"), "level ground has no direction"
-    ),
-    "wavelength": Needs(("rolling_deg",), "the ground does not roll"),
-    "kerb_every": Needs(("kerb_height",), "there are no kerbs"),
+    "uphill_deg": (("slope_deg", "rolling_deg", "kerb_height"), "level ground has no direction"),
+    "wavelength": (("rolling_deg",), "the ground does not roll"),
+    "kerb_every": (("kerb_height",), "there are no kerbs"),
 }
 
 
@@ -137,12 +129,7 @@ class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     def __post_init__(self) -> None:
         settle_types(self, "{} of a patch")
         for name in ("x", "y", "time"):
-            low, high = getattr(self, name)
-            if not low < high:
-                raise SimulationError(
-                    f"{name} of a patch must rise from its first to its second value, "
-                    f"found {low!r} to {high!r}"
-                )
+            _require_rising(f"{name} of a patch", getattr(self, name))
         if self.uphill_deg is not None and self.slope_deg is None:
             raise SimulationError(
                 f"a patch has uphill_deg = {self.uphill_deg!r} but no slope_deg; give both"
@@ -173,15 +160,19 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     def __post_init__(self) -> None:
         settle_types(self, "{} of a payload")
-        if not self.time[0] < self.time[1]:
-            raise SimulationError(
-                "time of a payload must rise from its first to its second value, "
-                f"found {self.time[0]!r} to {self.time[1]!r}"
-            )
+        _require_rising("time of a payload", self.time)
         if self.position[2] < 0.0:
             raise SimulationError(
                 f"position of a payload must not be below the ground, found {self.position!r}"
             )
+
+
+def _require_rising(what: str, span: tuple[float, float]) -> None:
+    low, high = span
+    if not low < high:
+        raise SimulationError(
+            f"{what} must rise from its first to its second value, found {low!r} to {high!r}"
+        )
 
 
 def patch_rows(patches: tuple[Patch, ...]) -> Floats:

@@ -1,4 +1,4 @@
-"""True motion, and the interface of truth models that make it from commands.
+"""True motion, and what truth models make it with.
 
 All speeds and poses are in REP-103 axes: `base_link` in `odom`, starting at the origin. The truths are
 `icreckon.simulation.truth.friction` (friction, the default) and `icreckon.simulation.truth.kinematic`;
@@ -6,7 +6,6 @@ All speeds and poses are in REP-103 axes: `base_link` in `odom`, starting at the
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.random import Generator
@@ -14,8 +13,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose
-from icreckon.estimator.robot.robot_file import Indices, Robot, Slip, slip_components
-from icreckon.simulation.drives.trajectories import Command
+from icreckon.estimator.robot.robot_file import Indices, Slip, slip_components
 
 DEFAULT_SPREAD = 0.15
 # Slip residual that no index model explains; it vanishes in straight driving.
@@ -136,22 +134,6 @@ class TrueMotion:
         following = np.minimum(index + 1, len(values) - 1)
         share = (elapsed * self.rate)[:, None]
         return np.asarray(values[index] + share * (values[following] - values[index]))
-
-
-class TruthModel(Protocol):
-    """Truth model: commanded track speeds in, motion of a robot out."""
-
-    @property
-    def name(self) -> str:
-        """Name of the truth, as in `TRUTHS`."""
-
-    def run(
-        self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float
-    ) -> TrueMotion:
-        """Simulate the motion over a duration [s], with grid points at a rate [Hz].
-
-        `rng` draws the differences from the robot file, and slip.
-        """
 
 
 def grid_times(duration: float, rate: float) -> Floats:

@@ -6,7 +6,7 @@ from typing import Any, get_args, get_type_hints
 
 import icreckon
 
-INTERNAL = {"TruthModel"}
+INTERNAL = {"FrictionTruth", "KinematicTruth"}
 """Classes that only the simulator's own code uses."""
 
 

@@ -1,7 +1,6 @@
 """Common body of `demo` and `replay`: compare, write the report, show the table."""
 
 from collections.abc import Iterable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from icreckon.replay.comparison.many import Case, CaseScores, case_scores
 from icreckon.replay.comparison.results import Results, comparison_drifts, summarise
 from icreckon.replay.export.folder import write_exports
 from icreckon.replay.export.formats import DEFAULT_FORMATS, check_formats
-from icreckon.report.replay.folder import RESULTS_FILE, write_views
+from icreckon.report.replay.folder import write_views
 from icreckon.report.replay.page_text import failures
 from icreckon.report.replay.tables import WIDE_FROM, results_table
 
@@ -95,8 +94,7 @@ def compare_and_report(
     Returns the messages on variants without a result, for `exit_if_failed`.
     """
     summary, _ = compare_and_write(log, robot, folder, **options)
-    table = partial(results_table, summary)
-    show(folder / RESULTS_FILE, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
+    show(folder, results_table, summary, WIDE_FROM, as_json=as_json, wide=wide)
     return failures(summary)
 
 

@@ -40,6 +40,7 @@ UNMAPPED = (
     "cannot create shared object descriptor",
 )
 LONGEST_LINE = 2000  # most characters of an error; names from a file may be of any length
+MakeTable = Callable[..., RenderableType]  # from data and the argument `narrow`
 
 
 class _PlainConsole(Console):
@@ -91,7 +92,7 @@ def print_banner(notes: Sequence[str]) -> None:
         results().print(Text(note, style="bold yellow"))
 
 
-def print_fitting(table: Callable[..., RenderableType], *, wide: bool, wide_from: int) -> None:
+def print_fitting(table: MakeTable, data: Any, wide_from: int, *, wide: bool) -> None:
     """Print the columns of a table that fit the terminal; with `wide`, all columns.
 
     All columns need `wide_from` characters. On a narrower terminal, `table` is called with its width as
@@ -99,24 +100,21 @@ def print_fitting(table: Callable[..., RenderableType], *, wide: bool, wide_from
     """
     console = results()
     narrow = console.width if console.width < wide_from and not wide else 0
-    console.print(table(narrow=narrow))
+    console.print(table(data, narrow=narrow))
     if narrow:
         console.print("--wide shows all columns.")
 
 
 def show(
-    results_file: Path,
-    table: Callable[..., RenderableType],
-    *,
-    as_json: bool,
-    wide: bool,
-    wide_from: int,
+    folder: Path, table: MakeTable, data: Any, wide_from: int, *, as_json: bool, wide: bool
 ) -> None:
-    """Print a results.json, or the table of it that fits the terminal."""
+    """Print the results.json of a folder, or the table of it that fits the terminal."""
+    from icreckon.report.replay.folder import RESULTS_FILE
+
     if as_json:
-        typer.echo(results_file.read_text(encoding="utf-8"), nl=False)
+        typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
     else:
-        print_fitting(table, wide=wide, wide_from=wide_from)
+        print_fitting(table, data, wide_from, wide=wide)
 
 
 class _Title(ProgressColumn):

@@ -37,8 +37,7 @@ def many_page(results: Results) -> str:
         head=_log_head(results),
         logs=[_log_row(results, log) for log in results["logs"]],
         horizon=page_text.horizon_text(horizon_of(results)),
-        configuration=results["configuration"],
-        robots=results["robots"],
+        results=results,
         origin={key: results[key] for key in ("versions", "inputs", "format")},
     )
 

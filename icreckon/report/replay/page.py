@@ -26,7 +26,8 @@ Section = tuple[str, str, list[Table]]  # section of the page: its title, a note
 
 def replay_page(results: Results) -> str:
     """Render the page as HTML."""
-    dropped = results["log"]["dropped"]
+    dropped, series = results["log"]["dropped"], results["series"]
+    vehicle, times = results["robot"]["vehicle"], series["t_s"]
     return render(
         "replay.html",
         title=page_text.page_title(results),
@@ -37,20 +38,21 @@ def replay_page(results: Results) -> str:
         headline=page_text.headline(results),
         remarks=page_text.calibration_hint(results) + page_text.remarks(results),
         switches=switches(results),
-        truth=results["truth"],
+        results=results,
         scored=_scored(results),
-        drive_note=_drive_note(results),
-        inputs_note=_inputs_note(results),
-        icrs_note=_icrs_note(results),
-        parameters_note=_parameters_note(results),
+        number=number,
+        vehicle=vehicle,
+        has_wheels=has_wheels(vehicle),
+        # A length other than the default was set in the file.
+        is_default_length=vehicle["half_contact_length"] == DEFAULT_HALF_LENGTH,
+        row_every=(times[-1] - times[0]) / max(1, len(times) - 1),
+        # Each variant has the times, under "t_s", also without parameters.
+        learns=any(len(variant["parameters"]) > 1 for variant in series["variants"].values()),
         constant=_constant_table(results),
-        innovations_note=_innovations_note(results),
         innovations=_innovation_table(results),
         dropped=[f"{count} × {what}" for what, count in dropped.items()],
         by_filter=_dropped_by_filter(results),
         notes=page_text.notes(results),
-        configuration=results["configuration"],
-        robot=results["robot"],
         origin={key: results[key] for key in ("versions", "seed", "inputs", "format")},
         data=page_data(results),
     )
@@ -138,59 +140,6 @@ def _score_table(results: Results, columns: Sequence[Column]) -> Table:
     return Table("", ["variant", *headings], rows)
 
 
-def _drive_note(results: Results) -> str:
-    """Explain the drawing of the robot on its path: sizes, ICRs, interval of the rows."""
-    vehicle = results["robot"]["vehicle"]
-    half_length = vehicle["half_contact_length"]
-    # A length other than the default was set in the file.
-    origin = "assumed: the default" if half_length == DEFAULT_HALF_LENGTH else "not measured here"
-    name = "wheelbase" if has_wheels(vehicle) else "contact length"
-    length = f"{name} {number(2.0 * half_length)} m ({origin})"
-    rings = ""
-    if "icr_distance_m" in results["series"].get("truth", {}):
-        rings = " Rings: where the ICRs truly are, while the robot turns."
-    times = results["series"]["t_s"]
-    step = (times[-1] - times[0]) / max(1, len(times) - 1)
-    return (
-        f"Drawn to scale, by the robot file: track gauge {number(vehicle['track_gauge'])} m, {length}; "
-        f"the width of the {'wheels' if has_wheels(vehicle) else 'tracks'} is not. The ICR of a track is "
-        "the point where its tread would not slide over the ground. Without slip it lies on the "
-        "track; the farther out both lie, the more turning is lost. Dots: their last 6 s. Line: the last "
-        f"8 s of the path.{rings} Lateral acceleration is speed times yaw rate. The page has a row of "
-        f"the log every {number(step)} s."
-    )
-
-
-def _inputs_note(results: Results) -> str:
-    note = "As measured; thinned out."
-    if "gyro_rad_s" in results["series"]["inputs"]:
-        note += " The gyro's rate is about base_link's z axis, its bias included."
-    return f"{note} Where the tracks turn faster than the gyro, they slip."
-
-
-def _icrs_note(results: Results) -> str:
-    sentences = ["In base_link: x forward, y to the left."]
-    if "icr_distance_m" in results["series"].get("truth", {}):
-        sentences.append("Dots: the truth, while the robot turns.")
-    if "differential" in results["variants"]:
-        half = 0.5 * results["robot"]["vehicle"]["track_gauge"]
-        place = f"at y = ±{number(half)} m"
-        sentences.append(f"Not drawn: differential, whose ICRs are its tracks, {place}.")
-    return " ".join(sentences)
-
-
-def _parameters_note(results: Results) -> str:
-    # Each variant has the times, under "t_s", also without parameters.
-    variants = results["series"]["variants"].values()
-    if not any(len(variant["parameters"]) > 1 for variant in variants):
-        return "No variant that was run learns any."
-    return (
-        "Those that a variant learns, with bands of ±2σ. Lengths and indices are in the paper's axes "
-        "(X right, Y forward). gravity_x and gravity_y are gravity along the ground in base_link, "
-        "forward and left: uphill, gravity_x is negative; 0.17 m/s² is a slope of one degree."
-    )
-
-
 def _constant_table(results: Results) -> Table | None:
     """Table of the parameters that no variant moves, instead of charts of level lines."""
     variants_of: dict[tuple[str, str], list[str]] = {}
@@ -211,16 +160,6 @@ def _constant_table(results: Results) -> Table | None:
 def _digits(value: float) -> str:
     """Three significant digits, with a true minus sign."""
     return f"{value:.3g}".replace("-", "−")
-
-
-def _innovations_note(results: Results) -> str:
-    if not any(variant["innovations"] for variant in results["series"]["variants"].values()):
-        return "No sensor was judged: there are no innovations."
-    return (
-        "Measured less expected, over the standard deviation that it should have. Of a filter whose "
-        "uncertainty is right, 95 % lie within ±2 (dashed) and 99.7 % within ±3; those beyond ±10 are "
-        "not shown."
-    )
 
 
 def _innovation_table(results: Results) -> Table | None:

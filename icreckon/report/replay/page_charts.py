@@ -21,8 +21,9 @@ from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.base.colours import FIX_COLOUR, TRUTH_COLOUR, colour_of, on_dark
 from icreckon.replay.base.units import unit
 from icreckon.replay.comparison.holes import LONGEST_BRIDGE
+from icreckon.replay.comparison.plot_series import rounded
 from icreckon.replay.comparison.results import Results
-from icreckon.report.replay.page_drive import drive_data, floats, known, listed
+from icreckon.report.replay.page_drive import Numbers, drive_data, floats, known
 from icreckon.report.replay.page_text import found_faults, has_yaw_errors
 
 TRUTH, FIXES = "ground truth", "fixes used"
@@ -36,7 +37,6 @@ LEFT_COLOUR, RIGHT_COLOUR, GYRO_COLOUR = "#0072B2", "#D55E00", "#444444"
 FLAT = 0.1  # share of its standard deviation by which a parameter moves that has a chart
 USUAL_INTERVALS = 4.0  # a hole is longer than this number of usual intervals
 Chart = dict[str, Any]
-Numbers = list[float | None]
 
 
 # Titles of the charts of learnt parameters; docs/explanation/model.md defines them.
@@ -151,8 +151,8 @@ def _error_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
         for name, own in names.items():
             keys = ("x_m", "y_m", "yaw_rad")
             x, y, turned = (floats(own[key]) - floats(origin[key]) for key in keys)
-            columns[f"{name}/apart_m"] = listed(np.hypot(x, y))
-            columns[f"{name}/yaw_apart_rad"] = listed(turned)
+            columns[f"{name}/apart_m"] = rounded(np.hypot(x, y))
+            columns[f"{name}/yaw_apart_rad"] = rounded(turned)
     spans = outages(results)
     scored = " Yellow: without fixes, where drift is scored." if spans else ""
     note = f"Bands: the filter's own 3σ; bar at the edge: 3σ is off scale.{scored}"
@@ -236,7 +236,7 @@ def _move_by_turns(results: Results, columns: dict[str, Numbers]) -> dict[str, s
         turns = np.nan_to_num(turns[newest]) if len(turns) else turns
         if turns.any():
             column_names[name] = f"{name}/yaw_of_truth_rad"
-            columns[column_names[name]] = listed(own + 2.0 * math.pi * turns)
+            columns[column_names[name]] = rounded(own + 2.0 * math.pi * turns)
     return column_names
 
 
@@ -253,7 +253,7 @@ def _input_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
     ]
     inputs, gauge = results["series"]["inputs"], results["robot"]["vehicle"]["track_gauge"]
     difference = floats(inputs["right_m_s"]) - floats(inputs["left_m_s"])
-    columns["inputs/tracks_rad_s"] = listed(difference / gauge)
+    columns["inputs/tracks_rad_s"] = rounded(difference / gauge)
     label = "by the tracks, (right − left) / gauge"
     lines = [_labelled(label, "inputs/tracks_rad_s", RIGHT_COLOUR)]
     if "gyro_rad_s" in inputs:
@@ -275,9 +275,9 @@ def _icr_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
         indices[TRUTH] = [floats(truth["zeta_m"]), floats(truth["epsilon_m"]), eta]
     for name, values in indices.items():
         (x, left_y), (_, right_y) = icr_points(IndexValues(*values), gauge)
-        columns[f"{name}/icr_x_m"] = listed(x)
-        columns[f"{name}/left_icr_y_m"] = listed(left_y)
-        columns[f"{name}/right_icr_y_m"] = listed(right_y)
+        columns[f"{name}/icr_x_m"] = rounded(x)
+        columns[f"{name}/left_icr_y_m"] = rounded(left_y)
+        columns[f"{name}/right_icr_y_m"] = rounded(right_y)
     drawn = [name for name in indices if name.removesuffix(SMOOTHED) != ON_TRACKS]
     charts = []
     for title, key, label in (

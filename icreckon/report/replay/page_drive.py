@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from icreckon.replay.comparison.plot_series import rounded
 from icreckon.replay.comparison.results import Results
 
 LEAST_SPEED = 0.1  # least speed at which a slip angle is computed [m/s]
@@ -47,11 +48,11 @@ def drive_data(results: Results, columns: dict[str, Numbers]) -> Results:
     for name, motion in series["variants"].items():
         ellipses[name] = motion.get("ellipses", [])
         v_x, v_y, w = (floats(motion[key]) for key in ("v_x_m_s", "v_y_m_s", "w_rad_s"))
-        columns[f"{name}/lost_rad_s"] = listed((by_tracks - w) * np.sign(by_tracks))
+        columns[f"{name}/lost_rad_s"] = rounded((by_tracks - w) * np.sign(by_tracks))
         # Angle from the robot's axis to its travel, to the left.
         angles = np.degrees(np.arctan2(v_y, np.abs(v_x)))
         is_moving = np.hypot(v_x, v_y) >= LEAST_SPEED
-        columns[f"{name}/slip_angle_deg"] = listed(np.where(is_moving, angles, math.nan))
+        columns[f"{name}/slip_angle_deg"] = rounded(np.where(is_moving, angles, math.nan))
     return {
         "gauge": vehicle["track_gauge"],
         "length": max(2.0 * centre + extent for centre, extent in contacts),
@@ -102,8 +103,3 @@ def known(values: Numbers) -> bool:
 def floats(values: Numbers | list[Numbers]) -> Any:
     """Array of numbers, NaN for None."""
     return np.array(values, dtype=float)
-
-
-def listed(values: Any) -> Numbers:
-    """Five significant digits of an array, None for NaN."""
-    return [float(f"{value:.5g}") if math.isfinite(value) else None for value in values.tolist()]

@@ -72,21 +72,21 @@ def study_figures(results: Results) -> list[Picture]:
         figures.append(_grid(results))
     for axis, effect in swept(results):
         draw = partial(_draw_effect, results=results, axis=axis, effect=effect)
+        place = re.sub(r"[^A-Za-z0-9]+", "-", axis["name"]).strip("-").lower()
         for prefix, statistic in (("drift", drift), ("final-error", FINAL_ERROR)):
-            if not _has_values(results, statistic):
-                continue
-            title = _capital(title_of(results, statistic))
-            caption = f"{title} against {axis['name']}{others}: means and their 95 % intervals."
-            name = f"{prefix}-{_file_name(axis['name'])}"
-            figures.append(_drawn(name, caption, partial(draw, statistic=statistic)))
+            if _has_values(results, statistic):
+                title = _capital(title_of(results, statistic))
+                caption = f"{title} against {axis['name']}{others}: means and their 95 % intervals."
+                drawn = partial(draw, statistic=statistic)
+                figures.append(_drawn(f"{prefix}-{place}", caption, drawn))
         if _has_values(results, drift) and len(results["variants"]) > 1:
             caption = (
                 f"{_capital(title_of(results, drift))} over that of {results['baseline']} in the same "
                 f"runs, against {axis['name']}, with 95 % intervals. Below 1 a variant is better; an "
                 "interval that holds 1 shows no difference."
             )
-            name = f"ratio-{_file_name(axis['name'])}"
-            figures.append(_drawn(name, caption, partial(draw, statistic=drift, key="ratio")))
+            drawn = partial(draw, statistic=drift, key="ratio")
+            figures.append(_drawn(f"ratio-{place}", caption, drawn))
     if _has_values(results, NEES):
         caption = (
             "NEES of the pose at the end (error squared over the filter's own covariance), mean of "
@@ -398,7 +398,3 @@ def _colours(results: Results) -> dict[str, str]:
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
-
-
-def _file_name(axis: str) -> str:
-    return re.sub(r"[^A-Za-z0-9]+", "-", axis).strip("-").lower()

@@ -61,23 +61,14 @@ def run_study(
         report=report,
         remark=remark,
     )
-    write_study_page(Path(folder), results)
-    return results
-
-
-def write_study_page(folder: Path, results: Results) -> None:
-    """Write figures and page of a study.
-
-    Raises:
-        SimulationError: the folder cannot be written.
-    """
     figures: list[Picture] = []
     with unless_missing():
         from icreckon.report.study.figures import study_figures
 
         figures = study_figures(results)
     files = {f"{figure.name}.png": figure.png for figure in figures}
-    write_files(folder, {**files, PAGE: study_page(results, figures).encode()})
+    write_files(Path(folder), {**files, PAGE: study_page(results, figures).encode()})
+    return results
 
 
 def study_page(results: Results, figures: Sequence[Picture]) -> str:

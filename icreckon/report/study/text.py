@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from icreckon.estimator.base.checks import is_finite
 from icreckon.report.printable import change, change_range
 from icreckon.simulation.study.results import FINAL_ERROR, Results, shown
 
@@ -50,7 +51,7 @@ def headline(results: Results) -> str:
         return f"Over {runs}, nowhere long enough without fixes to score the drift of {baseline}."
     after_horizon = title_of(results, drift).removeprefix("drift ")
     drifts = [cell["variants"][baseline][drift]["mean"] for cell in results["cells"]]
-    known = [mean for mean in drifts if _is_finite(mean)]
+    known = [mean for mean in drifts if is_finite(mean)]
     spread = f", {_number(min(known))} to {_number(max(known))} by cell" if len(known) > 1 else ""
     middle = "the median drift of" if len(known) > 1 else "the drift of"
     percent = _number(results["typical"][baseline]["median_percent"])
@@ -72,11 +73,11 @@ def _comparison(results: Results, name: str) -> str:
     baseline, typical = results["baseline"], results["typical"][name]
     low, high = typical["ratio_low"], typical["ratio_high"]
     text = f"{name} drifts {change(typical['ratio'])} than {baseline}"
-    if _is_finite(low) and _is_finite(high):
+    if is_finite(low) and is_finite(high):
         text += change_range((low, high), "; not significant" if low <= 1.0 <= high else "")
     text += _wins_and_losses(results, name)
     low, high = typical["end_ratio_low"], typical["end_ratio_high"]
-    if _is_finite(low) and any(map(_is_contradicted, results["typical"].values())):
+    if is_finite(low) and any(map(_is_contradicted, results["typical"].values())):
         end_error = f"{change(typical['end_ratio'])}{change_range((low, high), '')}"
         text += f". Its error at the end is {end_error}"
     return f"{text}."
@@ -85,7 +86,7 @@ def _comparison(results: Results, name: str) -> str:
 def _is_contradicted(typical: dict[str, Any]) -> bool:
     """Return True if the error at the end of a variant contradicts its drift."""
     ratio, low, high = typical["ratio"], typical["end_ratio_low"], typical["end_ratio_high"]
-    return _is_finite(low) and (ratio < 1.0 < low or high < 1.0 < ratio)
+    return is_finite(low) and (ratio < 1.0 < low or high < 1.0 < ratio)
 
 
 def _wins_and_losses(results: Results, name: str) -> str:
@@ -196,7 +197,7 @@ def _large_nees_note(results: Results) -> list[str]:
     )
     variants = [scores for cell in results["cells"] for scores in cell["variants"].values()]
     nees = [scores[NEES]["mean"] for scores in variants]
-    largest = max(filter(_is_finite, nees), default=0.0)
+    largest = max(filter(is_finite, nees), default=0.0)
     if largest < MUCH_NEES:
         return []
     text = f"{MARK}: errors exceed by far what the robot file states."
@@ -294,7 +295,7 @@ def _variant_texts(results: Results, place: _Place, label: str, narrow: bool) ->
     ratio = "1" if label == results["baseline"] else with_interval(drift, "ratio")
     errors = [_number(final_error[key]) for key in (("median",) if narrow else ("median", "p95"))]
     nees_text = _number(nees["mean"]) if narrow else _with_interval(nees, "mean")
-    is_large = _is_finite(nees["mean"]) and nees["mean"] >= MUCH_NEES
+    is_large = is_finite(nees["mean"]) and nees["mean"] >= MUCH_NEES
     if is_large:
         nees_text += f" {MARK}"
     return [name, with_interval(drift, "mean"), ratio, *errors, nees_text]
@@ -311,34 +312,25 @@ def _first_reason(failed: Sequence[dict[str, Any]]) -> str:
 
 def _with_interval(summary: dict[str, Any], key: str) -> str:
     """Format the "mean" or the "ratio" of a summary, with its 95 % interval."""
-    if not _is_finite(summary[key]):
+    value, low, high = (summary[f"{key}{end}"] for end in ("", "_low", "_high"))
+    if not is_finite(value):
         return NO_VALUE
-    return f"{_number(summary[key])} ({_between(summary, key)})"
+    if not (is_finite(low) and is_finite(high)):
+        return f"{_number(value)} (one true motion)"  # whose runs show no spread of the means
+    decimals = _number_format(value)
+    return f"{_number(value)} ({low:{decimals}} to {high:{decimals}})"
 
 
 def _with_factor(summary: dict[str, Any], key: str) -> str:
     """Format a mean and the factor of its interval, which is even on a log scale."""
     value, high = summary[key], summary[f"{key}_high"]
-    if not (_is_finite(value) and _is_finite(high) and value > 0.0):
-        return _number(value) if _is_finite(value) else NO_VALUE
+    if not (is_finite(value) and is_finite(high) and value > 0.0):
+        return _number(value) if is_finite(value) else NO_VALUE
     return f"{_number(value)} ×/÷ {high / value:.2f}"
 
 
-def _between(summary: dict[str, Any], key: str) -> str:
-    """Format an interval with the decimals of its estimate."""
-    low, high = summary[f"{key}_low"], summary[f"{key}_high"]
-    if not (_is_finite(low) and _is_finite(high)):
-        return "one true motion"  # whose runs show no spread of the means
-    decimals = _number_format(summary[key])
-    return f"{low:{decimals}} to {high:{decimals}}"
-
-
 def _number(value: float | None) -> str:
-    return f"{value:{_number_format(value)}}" if value is not None and _is_finite(value) else "-"
-
-
-def _is_finite(value: float | None) -> bool:
-    return value is not None and math.isfinite(value)
+    return f"{value:{_number_format(value)}}" if value is not None and is_finite(value) else "-"
 
 
 def _number_format(value: float) -> str:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forces_of_tracks import steady_balance, track_forces
+from forces_of_tracks import steady_balance, steady_inertia, track_forces, vertical_loads
 from icreckon.estimator.motion.icr import PaperTwist
 from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.contact.contact import (
@@ -15,8 +15,6 @@ from icreckon.simulation.contact.contact import (
     ContactGeometry,
     contact_points,
     equally_spaced,
-    steady_inertia,
-    vertical_loads,
 )
 
 GEOMETRY = equally_spaced(0.42, 0.39, 5)

@@ -45,22 +45,20 @@ def test_side_by_side_and_one_after_the_other_come_to_the_same(changes: dict[str
     # The last of eleven runs, and some of the others, are in a group that is not full.
     side_by_side = study_batch.block(cell, cell.filters, 0, 11)
     streamed = study_streaming.block(cell, cell.filters, 9, 2)
-    for label, (rows, _) in streamed.items():
-        found = side_by_side[label].values[9:11]
-        assert np.array_equal(np.isnan(found), np.isnan(rows))
-        # A hole of the encoders at standstill leaves few digits to agree in.
-        assert np.allclose(found, rows, rtol=1e-6, atol=1e-9, equal_nan=True)
+    found = side_by_side.values[:, 9:11]
+    assert np.array_equal(np.isnan(found), np.isnan(streamed.values))
+    # A hole of the encoders at standstill leaves few digits to agree in.
+    assert np.allclose(found, streamed.values, rtol=1e-6, atol=1e-9, equal_nan=True)
 
 
 def test_a_block_does_not_depend_on_the_one_it_is_cut_from() -> None:
     cell = plan_of().cells[0]
     whole = study_batch.block(cell, cell.filters, 0, 11)
     part = study_batch.block(cell, cell.filters, 3, 4)
-    for label, (rows, _) in part.items():
-        # Steps in which no lane stands are compiled apart, so the last bit depends on the others.
-        # An error of 1e-3 rad between yaws of some radians is known to 1e-15.
-        found = whole[label].values[3:7]
-        assert np.allclose(found, rows, rtol=1e-13, atol=1e-14, equal_nan=True)
+    # Steps in which no lane stands are compiled apart, so the last bit depends on the others.
+    # An error of 1e-3 rad between yaws of some radians is known to 1e-15.
+    found = whole.values[:, 3:7]
+    assert np.allclose(found, part.values, rtol=1e-13, atol=1e-14, equal_nan=True)
 
 
 @pytest.mark.parametrize(
@@ -81,8 +79,8 @@ def test_a_group_whose_runs_all_miss_a_sample_is_told_so() -> None:
     poor = EncoderSpec(dropouts_per_hour=600.0, dropout_duration=0.5)
     cell = plan_of(encoders=poor).cells[0]
     found = study_batch.block(cell, cell.filters, 10, 1)
-    for label, (rows, _) in study_streaming.block(cell, cell.filters, 10, 1).items():
-        assert np.allclose(found[label].values, rows, rtol=1e-6, atol=1e-9, equal_nan=True)
+    streamed = study_streaming.block(cell, cell.filters, 10, 1)
+    assert np.allclose(found.values, streamed.values, rtol=1e-6, atol=1e-9, equal_nan=True)
 
 
 @pytest.mark.parametrize(
@@ -98,12 +96,12 @@ def test_a_group_whose_runs_all_miss_a_sample_is_told_so() -> None:
 def test_both_are_scored_at_the_same_times_whatever_the_rates_are(rates: dict[str, float]) -> None:
     cell = plan_of(("constant-online",), **rates).cells[0]
     found = study_batch.block(cell, cell.filters, 2, 1)
-    for label, (rows, _) in study_streaming.block(cell, cell.filters, 2, 1).items():
-        assert np.allclose(found[label].values, rows, rtol=1e-6, atol=1e-9, equal_nan=True)
+    streamed = study_streaming.block(cell, cell.filters, 2, 1)
+    assert np.allclose(found.values, streamed.values, rtol=1e-6, atol=1e-9, equal_nan=True)
 
 
 def test_readings_that_are_refused_beforehand_are_refused_by_both() -> None:
     cell = plan_of(encoders=EncoderSpec(speed_noise_density=1.0)).cells[0]
     found = study_batch.block(cell, cell.filters, 0, 2)
-    for label, (rows, _) in study_streaming.block(cell, cell.filters, 0, 2).items():
-        assert np.array_equal(found[label].values, rows, equal_nan=True)
+    streamed = study_streaming.block(cell, cell.filters, 0, 2)
+    assert np.array_equal(found.values, streamed.values, equal_nan=True)

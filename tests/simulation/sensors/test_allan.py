@@ -4,10 +4,10 @@ import allantools
 import numpy as np
 import pytest
 
-from icreckon import InertialSpec, load_robot
+from icreckon import load_robot
 from icreckon.simulation.base.sampling import sample_times
 from icreckon.simulation.sensors.imu import INSTABILITY_FLOOR, MARKOV_PEAK, InertialErrors
-from icreckon.simulation.sensors.specs import accelerometer_errors, gyro_errors, noise_preset
+from icreckon.simulation.sensors.specs import SensorSpecs, sensor_errors
 from icreckon.simulation.truth.true_motion import TrueMotion
 from sensor_readings import read_imu
 
@@ -67,8 +67,7 @@ def test_the_floor_of_bias_instability_is_that_of_the_data_sheet(sensor: str) ->
     [("consumer", "gyro"), ("industrial", "accelerometer"), ("tactical", "gyro")],
 )
 def test_a_whole_data_sheet(grade: str, sensor: str) -> None:
-    make = gyro_errors if sensor == "gyro" else accelerometer_errors
-    errors = make(ALPHA, InertialSpec(), noise_preset(grade))
+    errors = getattr(sensor_errors(SensorSpecs(), grade, ALPHA), sensor)
     rate, duration = 10.0, 20_000.0
     readings = at_rest(sensor, errors, duration, rate)
     taus = np.array([0.1, 1.0, 10.0, 100.0, 500.0])

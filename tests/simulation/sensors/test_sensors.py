@@ -1,4 +1,5 @@
 from functools import cache
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -6,28 +7,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from icreckon import EncoderSpec, FixSpec, Indices, InertialSpec, SimulationError, Slip, load_robot
+from icreckon import EncoderSpec, FixSpec, Indices, InertialSpec, Robot, SimulationError, load_robot
 from icreckon.estimator.base.frames import rotate
 from icreckon.simulation.base.sampling import EPOCH, sample_times, to_stamps
 from icreckon.simulation.drives.trajectories import make_trajectory
 from icreckon.simulation.sensors.encoders import DROPOUT_READINGS, STANDING, EncoderErrors
 from icreckon.simulation.sensors.fixes import FixErrors, with_fix_errors
 from icreckon.simulation.sensors.imu import InertialErrors, specific_forces
-from icreckon.simulation.sensors.specs import (
-    accelerometer_errors,
-    encoder_errors,
-    fix_errors,
-    gyro_errors,
-    noise_preset,
-)
+from icreckon.simulation.sensors.specs import SensorErrors, SensorSpecs, noise_preset, sensor_errors
 from icreckon.simulation.truth.kinematic import KinematicTruth
 from sensor_readings import read_fixes, read_imu, read_tracks
 
 ALPHA = load_robot("auriga-alpha")
 IDEAL = msgspec.structs.replace(ALPHA, indices=Indices(epsilon_F=0.0))
-EXACT = KinematicTruth(spread=0.0, slip=Slip(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+EXACT = KinematicTruth(spread=0.0, slip_noise=0.0)
 SILENT = InertialErrors()
-NOMINAL = noise_preset("nominal")
+
+
+def errors_of(noise: str = "nominal", robot: Robot = ALPHA, **specs: Any) -> SensorErrors:
+    return sensor_errors(SensorSpecs(**specs), noise, robot)
 
 
 OUTAGES = ((100.0, 200.0), (300.0, 310.5))
@@ -147,42 +145,40 @@ def test_fixes_noise_heading_and_outages():
 
 
 def test_a_figure_left_out_is_the_preset_s_and_then_the_robot_file_s():
-    nothing = EncoderSpec()
-    assert encoder_errors(ALPHA, nothing, NOMINAL) == EncoderErrors(
+    assert errors_of().encoders == EncoderErrors(
         speed_noise_density=ALPHA.tracks.speed_noise_density
     )
-    assert gyro_errors(ALPHA, InertialSpec(), NOMINAL) == InertialErrors(
-        noise_density=5e-4, bias_sigma=0.01, bias_walk=2e-5
-    )
-    assert accelerometer_errors(ALPHA, InertialSpec(), NOMINAL) == InertialErrors(
+    assert errors_of().gyro == InertialErrors(noise_density=5e-4, bias_sigma=0.01, bias_walk=2e-5)
+    assert errors_of().accelerometer == InertialErrors(
         noise_density=0.01, bias_sigma=0.1, bias_walk=5e-4
     )
     unsure = mounted(gyro_scale_sigma=0.02)
-    assert gyro_errors(unsure, InertialSpec(), NOMINAL).scale_sigma == 0.02
+    assert errors_of(robot=unsure).gyro.scale_sigma == 0.02
     consumer = noise_preset("consumer")
-    errors = gyro_errors(unsure, InertialSpec(bias_walk=1.0), consumer)
+    errors = errors_of("consumer", unsure, gyro=InertialSpec(bias_walk=1.0)).gyro
     assert (errors.scale_sigma, errors.bias_walk) == (0.01, 1.0)
     assert errors.noise_density == consumer.gyro.noise_density
-    assert fix_errors(FixSpec(latency=0.1), NOMINAL) == FixErrors(latency=0.1)
+    assert errors_of(fixes=FixSpec(latency=0.1)).fixes == FixErrors(latency=0.1)
 
 
 def test_the_factor_is_on_errors_and_not_on_times_and_shares():
     twice = {"factor": 2.0}
     encoders = EncoderSpec(resolution=1e-3, dropouts_per_hour=3.0, dropout_duration=2.0, **twice)
-    assert encoder_errors(ALPHA, encoders, NOMINAL) == EncoderErrors(
+    assert errors_of(encoders=encoders).encoders == EncoderErrors(
         speed_noise_density=2.0 * ALPHA.tracks.speed_noise_density,
         resolution=2e-3,
         dropouts_per_hour=3.0,
         dropout_duration=2.0,
     )
-    industrial = noise_preset("industrial")
-    plain = gyro_errors(ALPHA, InertialSpec(), industrial)
-    doubled = gyro_errors(ALPHA, InertialSpec(**twice), industrial)
+    plain = errors_of("industrial").gyro
+    doubled = errors_of("industrial", gyro=InertialSpec(**twice)).gyro
     for name in InertialErrors.__struct_fields__:
         expected = 1.0 if name in {"range", "bias_instability_time"} else 2.0
         assert getattr(doubled, name) == pytest.approx(expected * getattr(plain, name)), name
-    fixes = fix_errors(FixSpec(heading_sigma=0.1, outlier_share=0.2, latency=0.3, **twice), NOMINAL)
-    assert fixes == FixErrors(sigma=0.1, heading_sigma=0.2, outlier_share=0.2, latency=0.3)
+    fixes = FixSpec(heading_sigma=0.1, outlier_share=0.2, latency=0.3, **twice)
+    assert errors_of(fixes=fixes).fixes == FixErrors(
+        sigma=0.1, heading_sigma=0.2, outlier_share=0.2, latency=0.3
+    )
 
 
 @pytest.mark.parametrize(

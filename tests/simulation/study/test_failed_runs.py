@@ -33,16 +33,16 @@ def _stub(monkeypatch: pytest.MonkeyPatch) -> None:
     study_stub.install(monkeypatch)
 
 
-Change = Callable[[Cell, int, dict[str, RunScores]], None]
+Change = Callable[[Cell, list[str], int, RunScores], None]
 
 
 def let_blocks(monkeypatch: pytest.MonkeyPatch, change: Change) -> None:
-    """Let a function change what the stub finds of a cell, from a run on."""
+    """Let a function change what the stub finds of a cell and filters, from a run on."""
     honest = study_stub.block
 
-    def block(of: Cell, filters: list[Filter], first_run: int, count: int) -> dict[str, RunScores]:
-        found = dict(honest(of, filters, first_run, count))
-        change(of, first_run, found)
+    def block(of: Cell, filters: list[Filter], first_run: int, count: int) -> RunScores:
+        found = honest(of, filters, first_run, count)
+        change(of, [spec.label for spec in filters], first_run, found)
         return found
 
     monkeypatch.setattr(study_stub, "block", block)
@@ -51,10 +51,10 @@ def let_blocks(monkeypatch: pytest.MonkeyPatch, change: Change) -> None:
 def spoil(monkeypatch: pytest.MonkeyPatch, cell: int, label: str, **changes: float) -> None:
     """Let the stub return these statistics for run 2 of a cell and filter."""
 
-    def change(of: Cell, first_run: int, found: dict[str, RunScores]) -> None:
-        if of.index == cell and label in found and first_run == 0:
+    def change(of: Cell, labels: list[str], first_run: int, found: RunScores) -> None:
+        if of.index == cell and label in labels and first_run == 0:
             for name, value in changes.items():
-                found[label].values[2, NAMES.index(name)] = value
+                found.values[labels.index(label), 2, NAMES.index(name)] = value
 
     let_blocks(monkeypatch, change)
 
@@ -118,8 +118,8 @@ def test_a_run_with_an_impossible_value_is_excluded_as_a_whole(
 
 
 def test_a_cell_without_a_result_is_an_error_and_all_others_are_there(tmp_path, monkeypatch):
-    def change(of: Cell, _: int, found: dict[str, RunScores]) -> None:
-        if of.index == 1 and "inertia-online" in found:
+    def change(of: Cell, labels: list[str], *_: object) -> None:
+        if of.index == 1 and "inertia-online" in labels:
             raise np.linalg.LinAlgError("Singular matrix")
 
     let_blocks(monkeypatch, change)
@@ -144,13 +144,13 @@ def test_a_cell_without_a_result_is_an_error_and_all_others_are_there(tmp_path, 
 def test_variants_are_compared_over_the_cells_that_both_have(tmp_path, monkeypatch):
     """Drift is 1 and 2 in the easy cell, 10 and 20 in the hard one, where the better one fails."""
 
-    def change(of: Cell, _: int, found: dict[str, RunScores]) -> None:
-        for label, scores in found.items():
+    def change(of: Cell, labels: list[str], _: int, found: RunScores) -> None:
+        for label, values, reasons in zip(labels, *found, strict=True):
             better = label == "inertia-online"
             drift = (1.0 if better else 2.0) * (10.0 if of.index else 1.0)
-            scores.values[:, NAMES.index("drift_percent_5s")] = drift
+            values[:, NAMES.index("drift_percent_5s")] = drift
             if better and of.index:
-                found[label] = scores._replace(reasons=("lost",) * len(scores.values))
+                reasons[:] = "lost"
 
     let_blocks(monkeypatch, change)
     results = run_study(STUDY, tmp_path / "a", workers=1)

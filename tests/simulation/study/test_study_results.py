@@ -43,8 +43,8 @@ STUDY = Study(
 def stubbed(study):
     plan = expand(study)
     blocks = [study_stub.block(cell, cell.filters, 0, study.runs) for cell in plan.cells]
-    values = np.array([[block[label].values for block in blocks] for label in plan.labels])
-    return Runs(plan, values)
+    values, reasons = (np.stack(parts, axis=1) for parts in zip(*blocks, strict=True))
+    return Runs(plan, values, reasons)
 
 
 @pytest.fixture(scope="module")
@@ -209,9 +209,12 @@ def test_cells_of_a_latin_hypercube_are_grouped_with_their_neighbours():
     latin = LatinHypercube(points=12, ranges={"gyro.factor": [1.0, 100.0, "log"]})
     plan = expand(msgspec.structs.replace(STUDY, sweep=Sweep(latin=latin)))
     groups = groups_of(plan, plan.axes[0])
-    assert [len(group.cells) for group in groups] == [3, 3, 2, 2, 2]
-    assert sorted(cell for group in groups for cell in group.cells) == list(range(12))
-    tops = [max(plan.cells[cell].values["gyro.factor"] for cell in group.cells) for group in groups]
+    assert [len(group["cells"]) for group in groups] == [3, 3, 2, 2, 2]
+    assert sorted(cell for group in groups for cell in group["cells"]) == list(range(12))
+    values = [
+        [plan.cells[cell].values["gyro.factor"] for cell in group["cells"]] for group in groups
+    ]
+    tops = list(map(max, values))
     assert tops == sorted(tops)
 
 
@@ -265,7 +268,7 @@ def test_a_cell_of_large_drift_does_not_decide(runs):
     values = np.full((2, cells, plan.study.runs, len(statistics(plan.study.horizons))), 1.0)
     values[1] = 0.5
     values[0, -1], values[1, -1] = 30.0, 36.0
-    made = Runs(plan, values)
+    made = Runs(plan, values, np.full(values.shape[:3], "", dtype=object))
     typical = study_results(made, manifest(plan, ENGINES["streaming"]), cell_summaries(made))[
         "typical"
     ]
@@ -341,11 +344,7 @@ def test_variants_and_cells_of_the_same_results_are_named() -> None:
     runs = stubbed(STUDY)
     runs.values[1] = runs.values[0]
     runs.values[:, 3] = runs.values[:, 0]
-    results = study_results(
-        Runs(runs.plan, runs.values),
-        manifest(runs.plan, ENGINES["streaming"]),
-        cell_summaries(runs),
-    )
+    results = study_results(runs, manifest(runs.plan, ENGINES["streaming"]), cell_summaries(runs))
     variants, cells = [["constant-online", "inertia-online"]], [[0, 3]]
     assert results["alike"] == {"variants": variants, "cells": cells}
     first, second = same_results(results)

@@ -7,22 +7,21 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from forces_of_tracks import track_forces
+from forces_of_tracks import steady_inertia, track_forces, vertical_loads
 from icreckon import Patch, Payload, SimulationError, Soil, load_robot
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist
 from icreckon.estimator.robot.robot_file import LOAD_LAG
-from icreckon.simulation.contact.contact import (
-    Body,
-    Contact,
-    equally_spaced,
-    steady_inertia,
-    vertical_loads,
-)
-from icreckon.simulation.contact.contact_forces import mass_matrix
+from icreckon.simulation.contact.contact import Body, Contact, equally_spaced
 from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.contact.steady_state import solve_steady
 from icreckon.simulation.drives.trajectories import make_trajectory
-from icreckon.simulation.truth.friction import FrictionTruth, draw_contact, drive, follow
+from icreckon.simulation.truth.friction import (
+    FrictionTruth,
+    draw_contact,
+    drive,
+    follow,
+    mass_matrix,
+)
 
 GEOMETRY = equally_spaced(0.42, 0.4, 5)
 BODY = Body(258.0, -0.015, 0.04, 0.3)
@@ -68,7 +67,7 @@ def test_at_constant_track_speeds_the_motion_ends_where_the_stationary_solver_sa
 def test_an_independent_integrator_gives_the_same_motion():
     times = np.arange(0.0, 4.0 + 0.5 * STEP, STEP)
     contact = replace(CONTACT, soil=msgspec.structs.replace(CONTACT.soil, regularising_speed=0.01))
-    inverse = np.linalg.inv(mass_matrix(BODY.mass, BODY.x_CM, BODY.y_CM, INERTIA))
+    inverse = np.linalg.inv(mass_matrix(BODY, INERTIA))
     gravity = -GRAVITY * np.sin(np.radians(8.0))
 
     def rates(time: float, state: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from icreckon.simulation.base.sampling import sample_times
 from icreckon.simulation.sensors.imu import angular_velocities, specific_forces
 from icreckon.simulation.simulate import Simulation, run_scenario
 from icreckon.simulation.truth.friction import on_surface
-from icreckon.simulation.truth.surface_kernel import Surface, gradient, height
+from icreckon.simulation.truth.surface_kernel import Surface, gradient
 from icreckon.simulation.truth.terrain import draw_surface
 from icreckon.simulation.truth.true_motion import TrueMotion, true_motion
 
@@ -37,6 +37,20 @@ EXACT = Scenario(duration=20.0, noise="perfect", truth_spread=0.0, seed=2)
 
 def surface_of(terrain: Terrain, seed: int = 0) -> Surface:
     return draw_surface(terrain, LENGTH, np.random.default_rng(seed))
+
+
+def height(surface: Surface, x: float, y: float) -> float:
+    """Height of the ground [m]: plane, waves, and kerbs that go up and down in turn."""
+    cos, sin = surface.direction
+    u, v = cos * x + sin * y, cos * y - sin * x
+    number, (u_phase, v_phase, kerb_phase) = surface.wave_number, surface.phases
+    waves = surface.waves / number * (np.sin(number * u + u_phase) + np.sin(number * v + v_phase))
+    place = u / surface.kerb_every + kerb_phase
+    share = min(place % 1.0 * surface.kerb_every / surface.kerb_length, 1.0)
+    risen = share - np.sin(2.0 * np.pi * share) / (2.0 * np.pi)
+    goes_down = np.floor(place) % 2.0 == 1.0
+    kerbs = surface.kerb_height * (1.0 - risen if goes_down else risen)
+    return float(surface.plane * u + waves + kerbs)
 
 
 def run(terrain: Terrain, **changes: Any) -> Simulation:

@@ -12,7 +12,7 @@ from icreckon.simulation.truth.true_motion import TRUE_SLIP, gauss_markov
 
 ALPHA = load_robot("auriga-alpha")
 NO_SLIP = Slip(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-EXACT = KinematicTruth(spread=0.0, slip=NO_SLIP)
+EXACT = KinematicTruth(spread=0.0, slip_noise=0.0)
 
 
 def run(truth, command, duration, robot=ALPHA, rate=200.0):
@@ -31,7 +31,7 @@ def test_straight_pose_is_the_integral_of_speed():
 
 def test_indices_from_true_twists_and_tracks_show_the_true_parameters():
     command = make_trajectory("circle", 30.0, ALPHA, np.random.default_rng(0))
-    motion = run(KinematicTruth(slip=NO_SLIP), command, 30.0)
+    motion = run(KinematicTruth(slip_noise=0.0), command, 30.0)
     v_x, v_y, w = motion.twists[-1]
     left, right = motion.track_speeds[-1]
     twist = PaperTwist(*rep103_to_paper(v_x, v_y), w)
