@@ -17,7 +17,6 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.wheels import STRAIGHT as LARGEST_TURNING
 from icreckon.replay.inspection.wheels import wheel_estimates
-from icreckon.replay.mapping.columns import TrackKeys
 from icreckon.replay.mapping.topics import topic_map
 
 SIGMAS = 3.0  # standard errors from which a difference is significant
@@ -102,17 +101,6 @@ def in_base(imu: ImuSeries, robot: Robot) -> tuple[Floats, Floats | None]:
 def has_track_rates(robot: Robot) -> bool:
     """True if the track speeds of a robot's logs are rates, multiplied by its radius."""
     return topic_map(robot).in_rates if robot.log else True
-
-
-def from_twist(robot: Robot) -> bool:
-    """True if the track speeds of a robot's logs are computed from speed and yaw rate."""
-    tracks = mapped_tracks(robot)
-    return tracks is not None and not tracks.left
-
-
-def mapped_tracks(robot: Robot) -> TrackKeys | None:
-    """Map of the track speeds of a robot's logs; None if there is none."""
-    return topic_map(robot).track_keys
 
 
 def mapped_table(robot: Robot, stream: str) -> str:

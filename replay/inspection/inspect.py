@@ -482,7 +482,7 @@ def _failed_sensors(log: Log, estimates: robot_file.LogEstimates) -> Iterator[st
     """Findings on sensors that fail in the log or a part of it."""
     yield from (f"tracks: {stuck.text}" for stuck in stuck_sides(log.tracks, None))
     rates, is_usable = estimates.vertical, imu_mounting.are_usable(log.tracks)
-    if log.imu is not None and rates is not None and is_usable and not estimates.from_twist:
+    if log.imu is not None and rates is not None and is_usable and not estimates.mapping.from_twist:
         found = unequal_sides(log.tracks, log.imu, rates)
         if found is not None:
             yield f"tracks: {found.text}: look at counts, gears and radius of both sides"
@@ -517,7 +517,7 @@ def unit_suspicions(estimates: robot_file.LogEstimates, log: Log) -> Iterator[st
         if fast > wheels.FAST_TURNING:
             yield f"the gyro reads {fast:.3g} and more for 1 % of the time; rad/s, or rather deg/s?"
         vertical = estimates.vertical
-        if estimates.from_twist and vertical is not None and len(log.tracks.stamps) > 1:
+        if estimates.mapping.from_twist and vertical is not None and len(log.tracks.stamps) > 1:
             yield from wheels.turning_suspicion(log, vertical)
     if len(log.tracks.speeds):
         fast = float(np.percentile(np.abs(log.tracks.speeds), 99))
@@ -537,7 +537,7 @@ def _track_finding(estimates: robot_file.LogEstimates) -> str:
     """Finding on the effective track by the gyro, as settings of a controller have it."""
     ratio, sigma = estimates.wheels.track_ratio, estimates.wheels.track_sigma
     error = "" if sigma is None else f" (± {sigma:.1g})"
-    if estimates.from_twist:
+    if estimates.mapping.from_twist:
         return (
             f"tracks: the odometry turns {ratio:.2f}{error} times as far as the gyro: multiply the "
             f"wheel_separation_multiplier of its controller by {ratio:.2f}"

@@ -69,21 +69,15 @@ class LogEstimates:
     @property
     def states_fix_sigma(self) -> bool:
         """True if the fixes state their variances."""
-        columns = self.mapping.columns
-        fixes = self.mapping.fixes or (columns.fixes if columns else None)
+        fixes = self.mapping.keys_of("fixes")
         return fixes is not None and fixes.position_sigma is None
-
-    @property
-    def from_twist(self) -> bool:
-        """True for track speeds from a twist, which are read with a gauge of 1 m."""
-        return (keys := self.mapping.track_keys) is not None and not keys.left
 
     @property
     def effective_track(self) -> float | None:
         """Effective track by the gyro [m]; None without radius or gauge of a controller."""
         # True length of the gauge or radius that was read as 1 m.
         unit: float | None = 1.0
-        if self.from_twist:
+        if self.mapping.from_twist:
             unit = self.sizes.controller_gauge
         elif self.mapping.in_rates:
             unit = self.sizes.radius or self.wheels.distance_ratio
@@ -166,7 +160,7 @@ def _index_lines(estimates: LogEstimates) -> list[str]:
         eta0 = max(1.0, track / (estimates.sizes.gauge or track))
         remark = f"effective track by the gyro, {track:.3g} m, over track_gauge"
         line = f"eta0 = {eta0:.3g}    # {remark}"
-    elif ratio is not None and estimates.from_twist:
+    elif ratio is not None and estimates.mapping.from_twist:
         line = (
             f"eta0 = {max(1.0, ratio):.2f}    # effective track by the gyro: {ratio:.2f} times the "
             "controller's gauge ([log.tracks]), over track_gauge"
