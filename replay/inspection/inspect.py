@@ -396,7 +396,7 @@ def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_s
     """Report each column; times and numbers with their spacing in time, if known."""
     spacings: dict[str, dict[str, Any]] = {}
     numeric = [column.name for column in table.columns if column.is_number]
-    if columns is not None and table.has([columns.time]):
+    if columns is not None and table.present([columns.time]):
         with suppress(ReplayError):  # no spacing is known if the times cannot be read
             stamps, has_time = table.stamps(columns.time, columns.time_unit)
             for name in numeric:

@@ -12,7 +12,7 @@ import msgspec
 
 from icreckon.replay.bags.bag_files import BAG_SUFFIXES, Bag, over_bag
 from icreckon.replay.bags.decoding import Definitions, decoder
-from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRING, TWIST
+from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRING
 from icreckon.replay.bags.table_files import TABLE_SUFFIXES, is_table
 from icreckon.replay.base.errors import OF_ROBOT_FILE, NoRowsError, ReplayError, os_errors
 from icreckon.replay.mapping.field_paths import field_reader
@@ -26,7 +26,7 @@ from icreckon.replay.mapping.topics import (
 )
 from icreckon.replay.mapping.track_units import COUNTER_UNITS
 from icreckon.replay.reading import message_rows
-from icreckon.replay.reading.conversions import imu_field_readers, imu_reader, pose_rows
+from icreckon.replay.reading.conversions import imu_readers, pose_rows
 from icreckon.replay.reading.stream import Stream
 from icreckon.replay.reading.tables import Table, table_streams, wanted_columns
 from icreckon.replay.reading.tf import TransformStream
@@ -278,19 +278,11 @@ def wanted_streams(
     if tracks := mapping.tracks:
         yield track_stream(tracks)
     if imu := mapping.imu:
-        if imu.names:
-            rates, forces = imu_field_readers(imu)
-            of_rates = stream("imu", imu.topic, imu.time, {}, rates)
-            if imu.acceleration_topic is not None:
-                of_rates.second = stream("imu", imu.acceleration_topic, imu.time, {}, forces)
-            yield of_rates
-        elif imu.acceleration_topic is None:
-            yield stream("imu", imu.topic, imu.time, {IMU: imu_reader(imu)})
-        else:
-            both = stream("imu", imu.topic, imu.time, {IMU: imu_reader(imu, slice(0, 3))})
-            of_forces = {IMU: imu_reader(imu, slice(3, 6))}
-            both.second = stream("imu", imu.acceleration_topic, imu.time, of_forces)
-            yield both
+        readers, of_forces = imu_readers(imu)
+        of_imu = stream("imu", imu.topic, imu.time, *readers)
+        if imu.acceleration_topic is not None:
+            of_imu.second = stream("imu", imu.acceleration_topic, imu.time, *of_forces)
+        yield of_imu
     if fixes := mapping.fixes:
         yield pose_stream("fixes", fixes)
     if heading := mapping.heading:
@@ -298,10 +290,10 @@ def wanted_streams(
     if truth := mapping.truth:
         yield pose_stream("truth", truth)
         if truth.twist:
-            yield stream("truth twist", truth.twist, truth.time, {TWIST: message_rows.twist_row})
+            yield stream("truth twist", truth.twist, truth.time, message_rows.TWIST_READERS)
         if truth.tracks and tracks:
-            readers = message_rows.track_readers(tracks.names, tracks.unit in COUNTER_UNITS)
-            joints = {JOINT_STATE: readers[JOINT_STATE]}
+            by_type = message_rows.track_readers(tracks.names, tracks.unit in COUNTER_UNITS)
+            joints = {JOINT_STATE: by_type[JOINT_STATE]}
             yield stream("truth tracks", truth.tracks, truth.time, joints)
 
 

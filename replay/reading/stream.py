@@ -20,6 +20,8 @@ from icreckon.replay.reading.stamps import APART, LATE, arrival_in_order, withou
 
 Row = tuple[float, ...]
 RowReader = Callable[[Any], Row | None]
+Readers = tuple[dict[str, RowReader], RowReader | None]
+"""Readers of a topic by message type, and that of all other types, or None to refuse them."""
 
 COLUMNS = "columns"  # placeholder for the message type of rows from a table
 
