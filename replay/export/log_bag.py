@@ -19,6 +19,7 @@ from icreckon.replay.bags.messages import (
     UNUSED_VARIANCE,
     Messages,
     planar_covariance,
+    planar_twist,
 )
 from icreckon.replay.bags.writer import MARK, Outbox, bag_path, write_bag
 from icreckon.replay.bags.writer import Format as Format
@@ -139,12 +140,10 @@ def _joint_states(
     """Track speeds as sensor_msgs/JointState, one rate for all joints of a side."""
     names = list(mapped.names)
     columns = [0] * len(mapped.left) + [1] * len(mapped.right)
-    nothing = np.empty(0)
 
     def make(messages: Messages, stamp: int, rates: Floats) -> Any:
         header = messages.header(stamp, "")
-        fields = {"name": names, "position": nothing, "velocity": rates, "effort": nothing}
-        return messages.new(ros.JOINT_STATE, header=header, **fields)
+        return messages.new(ros.JOINT_STATE, header=header, name=names, velocity=rates)
 
     # rosbags serialises contiguous rows only.
     rates = np.ascontiguousarray((tracks.speeds / sprocket_radius)[:, columns])
@@ -161,11 +160,11 @@ def _imu_messages(topic: str, imu: series.ImuSeries) -> Outbox:
         return messages.new(
             ros.IMU,
             header=messages.header(stamp, IMU_LINK),
-            orientation=messages.quaternion((0.0, 0.0, 0.0, 1.0)),
+            orientation=(0.0, 0.0, 0.0, 1.0),
             orientation_covariance=absent,
-            angular_velocity=messages.vector(rates),
+            angular_velocity=rates,
             angular_velocity_covariance=unknown,
-            linear_acceleration=messages.vector(force),
+            linear_acceleration=force,
             linear_acceleration_covariance=absent if forces is None else unknown,
         )
 
@@ -182,10 +181,9 @@ def fix_messages(topic: str, fixes: series.FixSeries) -> Outbox:
     def make(messages: Messages, stamp: int, xy: Any, quaternion: Any, *variances: float) -> Any:
         position_variance, yaw_variance = variances
         covariance = np.diag([position_variance, position_variance, yaw_variance])
-        pose = messages.pose_with_covariance((*xy, 0.0), quaternion, planar_covariance(covariance))
-        return messages.new(
-            ros.POSE_WITH_COVARIANCE, header=messages.header(stamp, ODOM), pose=pose
-        )
+        header, pose = messages.header(stamp, ODOM), ((*xy, 0.0), quaternion)
+        with_covariance = pose, planar_covariance(covariance)
+        return messages.new(ros.POSE_WITH_COVARIANCE, header=header, pose=with_covariance)
 
     columns = fixes.poses[:, :2], quaternions, fixes.variances[:, 0], yaw_variances
     return Outbox(topic, ros.POSE_WITH_COVARIANCE, fixes.stamps, make, columns)
@@ -195,8 +193,8 @@ def pose_messages(topic: str, poses: series.PoseSeries) -> Outbox:
     """Poses as geometry_msgs/PoseStamped in odom."""
 
     def make(messages: Messages, stamp: int, position: Any, quaternion: Any) -> Any:
-        pose = messages.pose(position, quaternion)
-        return messages.new(ros.POSE, header=messages.header(stamp, ODOM), pose=pose)
+        header = messages.header(stamp, ODOM)
+        return messages.new(ros.POSE, header=header, pose=(position, quaternion))
 
     return Outbox(topic, ros.POSE, poses.stamps, make, (poses.positions, poses.quaternions))
 
@@ -206,6 +204,6 @@ def _twist_messages(topic: str, twists: series.TwistSeries) -> Outbox:
 
     def make(messages: Messages, stamp: int, twist: Floats) -> Any:
         header = messages.header(stamp, BASE_LINK)
-        return messages.new(ros.TWIST, header=header, twist=messages.twist(twist))
+        return messages.new(ros.TWIST, header=header, twist=planar_twist(twist))
 
     return Outbox(topic, ros.TWIST, twists.stamps, make, (twists.twists,))

@@ -25,6 +25,7 @@ from icreckon.replay.bags.messages import (
     UNUSED_VARIANCE,
     Messages,
     planar_covariance,
+    planar_twist,
 )
 from icreckon.replay.bags.writer import Format, Outbox, write_bag
 from icreckon.replay.base.colours import colour_of
@@ -97,8 +98,8 @@ def _odometry_messages(topic: str, trajectory: Trajectory, frame: str) -> Outbox
             ros.ODOMETRY,
             header=messages.header(stamp, ODOM),
             child_frame_id=frame,
-            pose=messages.pose_with_covariance(position, quaternion, pose_covariance),
-            twist=messages.twist_with_covariance(twist, planar_covariance(twist_covariance)),
+            pose=((position, quaternion), pose_covariance),
+            twist=(planar_twist(twist), planar_covariance(twist_covariance)),
         )
 
     columns: tuple[Floats, ...] = series.positions, series.quaternions, trajectory.pose_covariances
@@ -114,10 +115,7 @@ def _transforms(series: PoseSeries, frame: str) -> Outbox:
     series = series.rows(thinned(series.stamps, TF_RATE))
 
     def make(messages: Messages, stamp: int, position: Floats, quaternion: Floats) -> Any:
-        place, turn = messages.vector(position), messages.quaternion(quaternion)
-        pose = messages.new("geometry_msgs/msg/Transform", translation=place, rotation=turn)
-        fields = {"header": messages.header(stamp, ODOM), "child_frame_id": frame}
-        transform = messages.new(ros.TRANSFORM, **fields, transform=pose)
+        transform = messages.header(stamp, ODOM), frame, (position, quaternion)
         return messages.new(ros.TF, transforms=[transform])
 
     return Outbox(TF_TOPIC, ros.TF, series.stamps, make, (series.positions, series.quaternions))
@@ -149,17 +147,17 @@ def _icr_markers(
 
     def make(messages: Messages, stamp: int, left: Floats, right: Floats) -> Any:
         markers = [
-            messages.blank(
+            messages.new(
                 ros.MARKER,
                 header=messages.header(stamp, frame),
                 ns="icrs",
                 id=number,
                 type=kind,
-                pose=messages.pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
-                scale=messages.vector((size, size, size)),
-                color=messages.new("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
+                pose=((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
+                scale=(size, size, size),
+                color=(red, green, blue, 1.0),
                 frame_locked=True,
-                points=[messages.point(left), messages.point(right)],
+                points=[left, right],
             )
             for number, (kind, size) in enumerate(ICR_MARKERS)
         ]
@@ -185,7 +183,7 @@ def _globe_messages(topic: str, trajectory: Trajectory, origin: Origin, frame: s
 
     def make(messages: Messages, stamp: int, *place: Any) -> Any:
         latitude, longitude, altitude, covariance = place
-        return messages.blank(
+        return messages.new(
             ros.NAVSATFIX,
             header=messages.header(stamp, frame),
             latitude=latitude,
