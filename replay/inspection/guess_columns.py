@@ -94,11 +94,16 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
             measured.remove(tracks.yaw_rate)  # it is no gyro
         # The last name of an axis counts: those of the first table come last.
         of_imu[time] = [*_with_gravity(_with_file(measured, table), table), *of_imu.get(time, [])]
-        fixes = fixes or _fixes(measured, time)
+        # On the globe: x and y could be odometry instead.
+        if fixes is None and (keys := fix_keys(measured)):
+            fixes = PoseColumns(**keys, **time._asdict())
         truth = truth or _truth(true_names, time)
-    imus = (_imu(names, time) for time, names in of_imu.items())
-    imu = next((found for found in imus if found is not None), None)
-    return None if main is None else ColumnMap(*main, tracks, imu, fixes, truth)
+    imus = (
+        ImuColumns(**keys, **time._asdict())
+        for time, names in of_imu.items()
+        if (keys := imu_keys(names))
+    )
+    return None if main is None else ColumnMap(*main, tracks, next(imus, None), fixes, truth)
 
 
 def _with_gravity(names: Sequence[str], table: Table) -> list[str]:
@@ -169,18 +174,6 @@ def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | N
         counts = table.numbers((*left, *right))
         keys["wrap"] = counter_range(counts)[0] if len(left) == 1 else None
     return TrackColumns(left=left, right=right, **time._asdict(), **keys)
-
-
-def _imu(names: Sequence[str], time: _Time) -> ImuColumns | None:
-    """Guess the columns of an IMU."""
-    keys = imu_keys(names)
-    return None if keys is None else ImuColumns(**keys, **time._asdict())
-
-
-def _fixes(names: Sequence[str], time: _Time) -> PoseColumns | None:
-    """Guess the columns of fixes on the globe; x and y could be odometry instead."""
-    keys = fix_keys(names)
-    return None if keys is None else PoseColumns(**keys, **time._asdict())
 
 
 def _truth(names: Sequence[str], time: _Time) -> PoseColumns | None:

@@ -5,11 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.lag_search import BLOCKS
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
-from icreckon.estimator.log.scores import even_grid
+from icreckon.estimator.log.scores import are_within, even_grid, pieces
 from icreckon.estimator.log.series import running_integral
 from icreckon.replay.inspection.imu_mounting import (
     CLEAR_TURNING,
@@ -77,7 +77,9 @@ def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
     edges = even_grid(max(stamps[0], imu.stamps[0]), min(stamps[-1], imu.stamps[-1]), step, stamps)
     if len(edges) < 2 * BLOCKS:
         return None
-    is_whole = (np.diff(edges) == step) & ~_with_gap(edges, stamps) & ~_with_gap(edges, imu.stamps)
+    is_whole = np.diff(edges) == step
+    for times in (stamps, imu.stamps):
+        is_whole &= are_within(pieces(times, LARGEST_HOLE), times, edges[:-1], edges[1:])
     if is_whole.sum() < 2 * BLOCKS:
         return None
     turned = np.interp(edges, imu.stamps, running_integral(imu.stamps, vertical))
@@ -94,12 +96,3 @@ def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
 
     bias, sigma = jackknifed(fitted_bias, len(design))
     return GyroBias(bias, sigma, source) if sigma < UNSEEN_BIAS_SIGMA else None
-
-
-def _with_gap(edges: Stamps, stamps: Stamps) -> NDArray[np.bool_]:
-    """Mask (n - 1,) of the windows between edges (n,) in which samples have a gap."""
-    has_gap = np.zeros(len(edges) - 1, dtype=bool)
-    gaps = np.flatnonzero(np.diff(stamps) * NANOSECOND > LARGEST_HOLE)
-    for begin, end in zip(stamps[gaps], stamps[gaps + 1], strict=True):
-        has_gap |= (edges[1:] > begin) & (edges[:-1] < end)
-    return has_gap

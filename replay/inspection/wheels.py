@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -21,10 +21,11 @@ from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.fix_wander import fit_fixes
 from icreckon.replay.inspection.guess_topics import sides
 from icreckon.replay.mapping.topics import TopicMap
+from icreckon.replay.reading.conversions import STANDARD_GRAVITY
 
 CLEAR_SIGN = 0.3  # least correlation of tracks and gyro that shows the sign of turning [-]
 FAST_TURNING = 6.0  # yaw rate that a ground robot hardly exceeds [rad/s]
-GRAVITY, STANDARD_GRAVITY = 9.81, 9.80665
+GRAVITY = 9.81
 COUNT_OF_GYRO = 0.000133  # usual size of a count, of a range of 250 deg/s and 16 bits [rad/s]
 WRONG_GRAVITY = 0.03  # relative error of the mean specific force from which it is suspicious [-]
 DEGREES = (20.0, 180.0)  # ratio to odometry's yaw rates that means degrees (57.3 without slip)
@@ -410,11 +411,19 @@ def _yaws_of_courses(log: Log, middles: Floats) -> tuple[list[int], list[float]]
     """Times [ns] and yaws [rad] of courses, by the robot's middle (n, 2) at the fixes."""
     assert log.fixes is not None  # noqa: S101 - checked by the caller
     stamps, sigmas = log.fixes.stamps, np.sqrt(log.fixes.variances[:, 0])
-    times, yaws = list[int](), list[float]()
-    for begin, end in _courses(stamps, middles, sigmas):
-        x, y = middles[end] - middles[begin]
-        times.append(int(stamps[end] + stamps[begin]) // 2)
-        yaws.append(float(np.arctan2(y, x) + (np.pi if _drives_backward(log, times[-1]) else 0.0)))
+    times, yaws, begin = list[int](), list[float](), 0
+    for row in range(1, len(stamps)):
+        x, y = middles[row] - middles[begin]
+        if np.hypot(x, y) < max(COURSE_LENGTH, 5.0 * sigmas[begin], 5.0 * sigmas[row]):
+            continue
+        if (stamps[row] - stamps[begin]) * NANOSECOND < COURSE_TIME:
+            times.append(int(stamps[row] + stamps[begin]) // 2)
+            yaws.append(float(np.arctan2(y, x)))
+        begin = row
+    if times and len(log.tracks.stamps):
+        # Tracks that drive backward.
+        speeds = np.interp(times, log.tracks.stamps, log.tracks.speeds.sum(axis=1))
+        yaws = (np.array(yaws) + np.where(speeds < 0.0, np.pi, 0.0)).tolist()
     return times, yaws
 
 
@@ -446,20 +455,3 @@ def _mean_offset(
     error = float(about_mean.std()) / np.sqrt(len(times))
     change_sigma = error / float(share.std())
     return HeadingOffset(float(np.degrees(np.angle(mean))), error, float(change), change_sigma)
-
-
-def _courses(stamps: Stamps, places: Floats, sigmas: Floats) -> Iterator[tuple[int, int]]:
-    """Yield the rows of fixes between which a robot has a course that they show."""
-    begin = 0
-    for row in range(1, len(stamps)):
-        least = max(COURSE_LENGTH, 5.0 * sigmas[begin], 5.0 * sigmas[row])
-        if np.hypot(*(places[row] - places[begin])) >= least:
-            if (stamps[row] - stamps[begin]) * NANOSECOND < COURSE_TIME:
-                yield begin, row
-            begin = row
-
-
-def _drives_backward(log: Log, stamp: int) -> bool:
-    """Test whether the tracks drive backward at a stamp [ns]; False without tracks."""
-    stamps, speeds = log.tracks.stamps, log.tracks.speeds.sum(axis=1)
-    return len(stamps) > 0 and bool(np.interp(stamp, stamps, speeds) < 0.0)
