@@ -220,10 +220,9 @@ def _clear_turning(
 
 def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate: Floats) -> Check:
     """Check of tracks without a clear correlation: clock, gauge, or a side?"""
-    tracks = topic_map(robot).track_keys
+    tracks, table = topic_map(robot).track_keys, mapped_table(robot, "tracks")
     fit = clock_fit(log.tracks, imu, rate)
     if fit is not None and fit.is_apart:
-        table = mapped_table(robot, "tracks")
         moved = fit.undone(log.tracks)
         remedy, settings = f'time = "recording" in [{table}]', Settings()
         if isinstance(tracks, TrackColumns):
@@ -238,7 +237,6 @@ def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate:
         )
     if tracks is not None and not tracks.left:
         suspicion = turning_suspicion(log, rate, tracks.gauge or robot.vehicle.track_gauge)
-        table = mapped_table(robot, "tracks")
         remedy = f"gauge in [{table}], which is that of its controller, or its yaw rate"
         return check.contradicted(suspicion[0], remedy) if suspicion else check
     # V_r - V_l of the mirrored speeds is -(V_r + V_l): the turning if one side counts backward.
@@ -248,7 +246,6 @@ def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate:
     if correlation is None or abs(correlation) < imu_mounting.CLEAR_TURNING:
         return check
     side, signs = ("right", signs) if correlation > 0.0 else ("left", -signs)
-    table = mapped_table(robot, "tracks")
     return check.contradicted(
         f"the {side} side counts backward: the robot turns as the sum of both sides",
         f'a minus before the names of {side} in [{table}], as "-motor"',

@@ -106,8 +106,8 @@ def _start_by_path(
     # The wander is common to all fixes: the mean over them does not reduce it.
     fix_sigma = math.hypot(white_sigma, math.sqrt(len(measured)) * wander.sigma)
     start = align_path(reckoned, measured, fix_sigma)
-    if start is None or not wander.sigma:
-        return start
+    if start is None:
+        return None
     # An error of the yaw moves the start by its distance from the fixes.
     distance = float(np.hypot(*reckoned.mean(axis=0)))
     position_sigma = wander.at_start(white_sigma) + start.yaw_sigma * distance

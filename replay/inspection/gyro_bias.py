@@ -11,12 +11,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.log.scores import are_within, even_grid, pieces
 from icreckon.estimator.log.series import running_integral
-from icreckon.replay.inspection.imu_mounting import (
-    CLEAR_TURNING,
-    ENOUGH_STILL,
-    are_usable,
-    standstill,
-)
+from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.wheels import jackknifed
 
 WINDOW = 5.0  # time over which the turning by gyro and by truth or tracks is compared [s]
@@ -48,9 +43,9 @@ def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBia
     """
     if log.imu is None or len(log.imu.stamps) < 2:
         return None
-    is_still = standstill(log.tracks, log.imu.stamps)
+    is_still = imu_mounting.standstill(log.tracks, log.imu.stamps)
     seconds = float(is_still.sum()) * float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
-    if seconds >= ENOUGH_STILL:
+    if seconds >= imu_mounting.ENOUGH_STILL:
         sigma = noise_density / float(np.sqrt(seconds))
         return GyroBias(float(vertical[is_still].mean()), sigma, "standstill")
     return bias_while_driving(log, vertical)
@@ -63,7 +58,7 @@ def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
     reference. Arguments and result are those of `gyro_bias`.
     """
     tracks, imu = log.tracks, log.imu
-    if imu is None or not are_usable(tracks):
+    if imu is None or not imu_mounting.are_usable(tracks):
         return None
     if log.truth is not None and log.truth.headings and heading_fault(log.truth) is None:
         source, stamps = "truth", log.truth.poses.stamps
@@ -85,9 +80,10 @@ def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
     turned = np.interp(edges, imu.stamps, running_integral(imu.stamps, vertical))
     turning = np.diff(turned)[is_whole]
     changes = [np.diff(np.interp(edges, stamps, column))[is_whole] for column in references]
-    turning_change, *_ = changes
-    if source == "tracks" and abs(np.corrcoef(turning_change, turning)[0, 1]) < CLEAR_TURNING:
-        return None
+    if source == "tracks":
+        correlation = np.corrcoef(changes[0], turning)[0, 1]
+        if abs(correlation) < imu_mounting.CLEAR_TURNING:
+            return None
     design = np.column_stack([np.full(len(turning), WINDOW), *changes])
 
     def fitted_bias(rows: NDArray[np.int_]) -> float:

@@ -128,6 +128,11 @@ def planar_poses(rows: Floats) -> Floats:
     return np.column_stack([rows[:, :2], quaternion_to_yaw(_unit_quaternions(rows))])
 
 
+def pose_parts(rows: Floats) -> tuple[Floats, Floats, Floats]:
+    """Convert `POSE_READERS` rows to poses (n, 3), variances (n, 2) and heights (n,)."""
+    return planar_poses(rows), rows[:, VARIANCES].copy(), rows[:, Z]
+
+
 def spatial_part(rows: Floats) -> Floats | None:
     """Convert `POSE_READERS` rows to (n, 3) z, roll, pitch; None if planar."""
     spatial = np.column_stack([rows[:, Z], quaternion_to_rpy(_unit_quaternions(rows))[:, :2]])

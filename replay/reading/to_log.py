@@ -25,18 +25,9 @@ from icreckon.replay.mapping.track_units import (
     counter_range,
     differences,
 )
-from icreckon.replay.reading import conversions
+from icreckon.replay.reading import conversions, message_rows
 from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
 from icreckon.replay.reading.gather import Gathered
-from icreckon.replay.reading.message_rows import (
-    POSE_WIDTH,
-    TWIST,
-    VARIANCES,
-    JointReader,
-    Z,
-    planar_poses,
-    spatial_part,
-)
 from icreckon.replay.reading.stamps import doubled_times, in_both, largest_part
 from icreckon.replay.reading.stream import NAN, Stream
 from icreckon.replay.reading.wheels import interpolated, of_sides
@@ -243,12 +234,11 @@ class _Assembly:
     def _joints_hint(self, stream: Stream) -> str:
         """Text on the wanted and the found joints of a stream; "" for other types."""
         reader = stream.readers.get(JOINT_STATE)
-        mapped = self.gathered.mapping.tracks
-        if stream.msgtype != JOINT_STATE or mapped is None or not isinstance(reader, JointReader):
+        if stream.msgtype != JOINT_STATE or not isinstance(reader, message_rows.JointReader):
             return ""
-        wanted = ", ".join(mapped.names)
+        wanted = ", ".join(reader.joints)
         found = ", ".join(sorted(reader.seen)) or "no joints"
-        field_name = "positions" if mapped.unit in COUNTER_UNITS else "velocities"
+        field_name = "positions" if reader.positions else "velocities"
         return f"; wanted are the {field_name} of the joints {wanted}, found were {found}"
 
     def _imu(self, stream: Stream) -> series.ImuSeries | None:
@@ -271,8 +261,8 @@ class _Assembly:
         if stream.msgtype == NAVSATFIX or spec.latitude:
             stamps, poses, variances, heights = self._geodetic(stream, spec.origin)
         else:
-            stamps, rows = self._arrays(stream, POSE_WIDTH)
-            poses, variances, heights = planar_poses(rows), rows[:, VARIANCES].copy(), rows[:, Z]
+            stamps, rows = self._arrays(stream, message_rows.POSE_WIDTH)
+            poses, variances, heights = message_rows.pose_parts(rows)
         no_variance = conversions.fill_variances(variances, spec)
         if len(stamps) and no_variance.all():
             table = "[log.columns.fixes]" if stream.from_table else "[log.fixes]"
@@ -346,15 +336,15 @@ class _Assembly:
             fits = conversions.fit_for_truth(variances[:, 0])
             stream.lose("stated sigma far above the median", int((~fits).sum()))
             stamps, poses = stamps[fits], poses[fits]
-            twists, rows = np.full_like(poses, NAN), np.empty((0, POSE_WIDTH))
+            twists, rows = np.full_like(poses, NAN), np.empty((0, message_rows.POSE_WIDTH))
         else:
-            stamps, rows = self._arrays(stream, POSE_WIDTH)
-            poses, twists = planar_poses(rows), rows[:, TWIST]
+            stamps, rows = self._arrays(stream, message_rows.POSE_WIDTH)
+            poses, twists = message_rows.planar_poses(rows), rows[:, message_rows.TWIST]
         headings = bool(np.isfinite(poses[:, 2]).any())
         keep = self._screened(stream, stamps, poses if headings else poses[:, :2])
         if not keep.any():
             return None
-        spatial = spatial_part(rows[keep] if len(rows) else rows)
+        spatial = message_rows.spatial_part(rows[keep] if len(rows) else rows)
         if spatial is not None:
             # As that of the filters, the height begins at zero.
             spatial[:, 0] -= spatial[0, 0]
