@@ -92,8 +92,11 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         tracks = tracks or own_tracks
         if tracks and tracks.yaw_rate in measured:
             measured.remove(tracks.yaw_rate)  # it is no gyro
-        # The last name of an axis counts: those of the first table come last.
-        of_imu[time] = [*_with_gravity(_with_file(measured, table), table), *of_imu.get(time, [])]
+        # Bare axes have the name of the file before them, as in "Gyroscope.x". The last name of an axis
+        # counts: those of the first table come last.
+        stem, axes = table.path.stem, {*"xyz"}
+        full = [f"{stem}.{name}" if name in axes else name for name in measured]
+        of_imu[time] = [*_with_gravity(full, table), *of_imu.get(time, [])]
         # On the globe: x and y could be odometry instead.
         if fixes is None and (keys := fix_keys(measured)):
             fixes = PoseColumns(**keys, **time._asdict())
@@ -114,11 +117,6 @@ def _with_gravity(names: Sequence[str], table: Table) -> list[str]:
     if not len(rows) or np.linalg.norm(rows.mean(axis=0)) > NO_GRAVITY:
         return [*names]
     return [name for name in names if name not in forces]
-
-
-def _with_file(names: Sequence[str], table: Table) -> list[str]:
-    """Names, of which bare axes have that of the file before them: "Gyroscope.x"."""
-    return [f"{table.path.stem}.{name}" if name in {*"xyz"} else name for name in names]
 
 
 def time_column_of(table: Table, known: str) -> str | None:

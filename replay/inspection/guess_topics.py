@@ -293,9 +293,8 @@ def _topic_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
         found = wheel_sides({topic: topic for topic in candidates})
         if found is not None and found.are_named:
             pair = TrackTopic(found.left[0], found.right[0], left=("data",), right=("data",))
-            if "Int" in kind:
-                return replace(pair, unit="counts", counts_per_turn=ANY_COUNTS, wrap=wrap)
-            return replace(pair, **unit_of(pair.topic, unknown="rad/s"))
+            unit = unit_of("counts" if "Int" in kind else pair.topic, unknown="rad/s")
+            return replace(pair, **unit, wrap=wrap)
     return None
 
 

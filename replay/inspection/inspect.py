@@ -219,8 +219,9 @@ def _estimates(
             mapping, log, sizes.log, notes, partial(assembled, mapping, "tracks")
         )
         in_units = _with_keys(mapping, keys) if keys else mapping
-        # A table with one time has one clock.
-        if mapping.columns and (len(paths) > 1 or mapping.columns.has_times):
+        # A table has one clock, unless tracks or IMU have a time of their own.
+        columns = mapping.columns
+        if columns and (len(paths) > 1 or any(k and k.time for k in (columns.tracks, columns.imu))):
             in_units = on_one_clock(in_units, assembled)
         if in_units is not mapping:
             mapping = in_units

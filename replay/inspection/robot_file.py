@@ -308,9 +308,8 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
         keys_of["tracks"] = _track_keys(mapping.tracks)
     if mapping.imu:
         rate, force = mapping.imu.rate_unit, mapping.imu.acceleration_unit
-        apart = mapping.imu.acceleration_topic
-        keys_of["imu"] = [f"acceleration_topic = {toml_value(apart)}"] if apart else []
-        keys_of["imu"] += _named(mapping.imu, ("angular_velocity", "linear_acceleration"))
+        names = ("acceleration_topic", "angular_velocity", "linear_acceleration")
+        keys_of["imu"] = _named(mapping.imu, names)
         keys_of["imu"] += [f"rate_unit = {toml_value(rate)}"] if rate != "rad/s" else []
         keys_of["imu"] += [f"acceleration_unit = {toml_value(force)}"] if force != "m/s2" else []
     if mapping.fixes:
@@ -319,8 +318,8 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
         errors = [f"position_sigma = {sigma}    {FILL_IN} (m)"]
         if sigma is None or wander:
             errors = wander
-        names = _named(mapping.fixes, ("latitude", "longitude", "altitude", "sigma"))
-        keys_of["fixes"] = [hint, *names, *errors]
+        fields = _named(mapping.fixes, ("latitude", "longitude", "altitude", "sigma"))
+        keys_of["fixes"] = [hint, *fields, *errors]
         if any(mapping.fixes.position):
             place = _metres(mapping.fixes.position)
             keys_of["fixes"].append(f"position = {place}    # m, of the antenna, by /{STATIC}")
@@ -328,9 +327,8 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
     if mapping.heading:
         keys_of["heading"] = _heading_keys(mapping.heading, estimates)
         keys_of["heading"] += _latency_lines(estimates.latencies.get("heading"))
-    if truth := mapping.truth:
-        topics = {name: getattr(truth, name) for name in ("twist", "tracks", "source_topic")}
-        keys_of["truth"] = [f"{key} = {toml_value(name)}" for key, name in topics.items() if name]
+    if mapping.truth:
+        keys_of["truth"] = _named(mapping.truth, ("twist", "tracks", "source_topic"))
     for purpose, keys in keys_of.items():
         topic = getattr(mapping, purpose).topic
         lines += ["", f"[log.{purpose}]", f"topic = {toml_value(topic)}", *keys]
@@ -342,7 +340,7 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
 
 
 def _named(topic: Any, keys: Sequence[str]) -> list[str]:
-    """Keys of a topic that name fields of its messages."""
+    """Keys of a topic that name other topics, or fields of its messages."""
     return [f"{key} = {toml_value(value)}" for key in keys if (value := getattr(topic, key))]
 
 
@@ -373,11 +371,9 @@ def _heading_keys(heading: HeadingTopic, estimates: LogEstimates) -> list[str]:
 
 def _track_keys(tracks: TrackTopic) -> list[str]:
     """Keys of [log.tracks] but its topic."""
-    keys = _named(tracks, ("left", "right", "speed", "yaw_rate"))
+    keys = _named(tracks, ("right_topic", "left", "right", "speed", "yaw_rate"))
     if not tracks.left:
         keys.append(GAUGE_LINE)
-    if tracks.right_topic:
-        keys.insert(0, f"right_topic = {toml_value(tracks.right_topic)}")
     if tracks.left and (tracks.right_topic or tracks.unit != "rad/s"):
         keys.append(f"unit = {toml_value(tracks.unit)}    # check it")
     if tracks.counts_per_turn:

@@ -324,11 +324,6 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     truth: PoseColumns | None = None
     heading: HeadingColumns | None = None
 
-    @property
-    def has_times(self) -> bool:
-        """True if tracks or IMU have a time of their own."""
-        return any(one is not None and one.time for one in (self.tracks, self.imu))
-
     def __post_init__(self) -> None:
         if self.truth is not None and any(self.truth.position):
             raise ValueError("truth takes no position: the truth's point is estimated")

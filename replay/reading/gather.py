@@ -206,11 +206,9 @@ def _of_table(path: Path, mapping: TopicMap) -> Gathered:
             f"{path}: a table needs [log.columns] in the robot file (`icreckon inspect {path}` "
             f"proposes it); its columns are {names}"
         )
-    of_file = Gathered(str(path), mapping)
-    of_file.notes = list(table.notes)
-    of_file.streams = {stream.purpose: stream for stream in table_streams(table, mapping.columns)}
-    of_file.found = Counter({f"{path.name}: {column.name}": len(table) for column in table.columns})
-    return of_file
+    streams = {stream.purpose: stream for stream in table_streams(table, mapping.columns)}
+    found = Counter({f"{path.name}: {column.name}": len(table) for column in table.columns})
+    return Gathered(str(path), mapping, streams, found, list(table.notes))
 
 
 def _of_bag(

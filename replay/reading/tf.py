@@ -71,8 +71,12 @@ class TransformStream(Stream):
                 f"{self.source}: topic {self.topic!r}: all transforms from {self.frames[0]!r} to "
                 f"{self.frames[1]!r} are static, so they show no motion"
             )
-        series = {link: self._series(link, clock) for link in moving}
-        stamps = min((link_stamps for link_stamps, _ in series.values()), key=len)
+        series = {}
+        for link in moving:
+            link_stamps, rows = self._in_order(clock, self._links[link])
+            link_stamps, first = np.unique(link_stamps, return_index=True)
+            series[link] = link_stamps, rows[first]
+        stamps = min((times for times, _ in series.values()), key=len)
         steps, known = {}, np.ones(len(stamps), dtype=bool)
         for link in moving:
             steps[link], is_known = _interpolated(*series[link], stamps)
@@ -179,11 +183,6 @@ class TransformStream(Stream):
                 poses.translations + poses.rotations.apply(places), poses.rotations * turns
             )
         return poses
-
-    def _series(self, link: Link, clock: UsedClock) -> tuple[Stamps, Floats]:
-        stamps, rows = self._in_order(clock, self._links[link])
-        stamps, first = np.unique(stamps, return_index=True)
-        return stamps, rows[first]
 
 
 def _interpolated(stamps: Stamps, rows: Floats, wanted: Stamps) -> tuple[_Poses, Any]:
