@@ -295,16 +295,14 @@ def _nees(scored: Sequence[CaseScores], name: str) -> Results:
 
 def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
     """Ratio of drift with each robot file to that with the first, same segments."""
-    by_case = {scores.case: scores for scores in scored if scores.drifts}
-    logs = dict.fromkeys(case.log for case in by_case)
+    by_log: dict[str, dict[str, CaseScores]] = {robot: {} for robot in robots}
+    for scores in scored:
+        if scores.drifts:
+            by_log[scores.case.robot][scores.case.log] = scores
     first_robot, *other_robots = robots
-    by_robot: Results = {}
+    first, by_robot = by_log[first_robot], Results()
     for robot in other_robots:
-        pairs = [
-            (by_case[Case(log, first_robot)], by_case[Case(log, robot)])
-            for log in logs
-            if Case(log, first_robot) in by_case and Case(log, robot) in by_case
-        ]
+        pairs = [(first[log], other) for log, other in by_log[robot].items() if log in first]
         names = dict.fromkeys(name for _, other in pairs for name in other.results["variants"])
         ratios = {name: _ratio(pairs, name) for name in names}
         common = {name: ratio for name, ratio in ratios.items() if ratio}
@@ -324,11 +322,10 @@ def _ratio(logs: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
             first_drifts, other_drifts = first.drifts[label], other.drifts[label]
             if name in first_drifts and name in other_drifts:
                 # A larger lag moves the stamps of the truth further back.
-                later = first.lag - other.lag
-                matched = first_drifts[name], other_drifts[name]
-                matched = bootstrap.matched_drifts(*matched, later=later)
-                named = dict(zip(("first", "other"), matched, strict=True))
-                pairs.append(bootstrap.paired_drift(named))
+                matched = bootstrap.matched_drifts(
+                    first_drifts[name], other_drifts[name], later=first.lag - other.lag
+                )
+                pairs.append(bootstrap.paired_drift({"first": matched[0], "other": matched[1]}))
         if not pairs:
             return {}
         joined = bootstrap.pooled_drift(pairs)

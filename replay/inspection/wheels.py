@@ -16,7 +16,7 @@ from icreckon.estimator.log.failed_sensors import stuck_sides
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid, interpolate_poses
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries, running_integral
+from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, running_integral
 from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.fix_wander import fit_fixes
 from icreckon.replay.inspection.guess_topics import sides
@@ -78,19 +78,17 @@ def wheel_estimates(
         track_ratio, track_sigma = _turning_ratio(vertical, difference)
     noise = 0.0
     if log.truth is not None:
-        source, stamps, positions = "truth", log.truth.poses.stamps, log.truth.poses.poses[:, :2]
+        source, places = "truth", log.truth.poses
     elif log.fixes is not None:
-        source, stamps, positions = "fixes", log.fixes.stamps, log.fixes.poses[:, :2]
-        noise = float(np.sqrt(np.median(log.fixes.variances[:, 0]))) if len(stamps) else 0.0
+        source, places = "fixes", PoseSeries(log.fixes.stamps, log.fixes.poses)
+        noise = float(np.sqrt(np.median(log.fixes.variances[:, 0]))) if len(places.stamps) else 0.0
         # Wander makes distances between fixes longer, and not the path that fits them.
         if (fit := fit_fixes(log, vertical)) is not None:
             of_distance = fit.scale, source, track_ratio, fit.scale_sigma, track_sigma
             return WheelEstimates(*of_distance)
     else:
         return WheelEstimates(None, "", track_ratio, track_sigma=track_sigma)
-    ratio, sigma = _distance_ratio(
-        log, vertical, stamps, positions, noise, WINDOWS[source], straight
-    )
+    ratio, sigma = _distance_ratio(log, vertical, places, noise, WINDOWS[source], straight)
     return WheelEstimates(ratio, source, track_ratio, sigma, track_sigma)
 
 
@@ -117,19 +115,14 @@ def jackknifed(estimate: Callable[[NDArray[np.int_]], float], count: int) -> tup
 
 
 def _distance_ratio(
-    log: Log,
-    vertical: Floats,
-    stamps: Stamps,
-    positions: Floats,
-    noise: float,
-    window: float,
-    straight: float,
+    log: Log, vertical: Floats, places: PoseSeries, noise: float, window: float, straight: float
 ) -> tuple[float | None, float | None]:
     """Distance over ground over that of the tracks, and its standard error."""
     # It is None if unknown, otherwise the median over windows [s] that turn by less than `straight` [rad]
-    # and in which the robot clearly drives. Distances between positions (n, 2) are chords, not arcs;
+    # and in which the robot clearly drives. Distances between places are chords, not arcs;
     # `noise` is the standard deviation of each coordinate [m].
     assert log.imu is not None  # noqa: S101 - checked by the caller
+    stamps, positions = places.stamps, places.poses[:, :2]
     start, end = max(stamps[0], log.start), min(stamps[-1], log.end)
     edges = even_grid(start, end, round(window / NANOSECOND), stamps)
     if len(edges) < FEWEST_WINDOWS + 1:

@@ -1,27 +1,16 @@
 """Conversion of track sensor units (rates, angles, counts, ...) to track speeds."""
 
 import math
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 
-TrackUnit = Literal[
-    "rad/s",
-    "deg/s",
-    "rpm",
-    "turns/s",
-    "m/s",
-    "mm/s",
-    "km/h",
-    "rad",
-    "deg",
-    "turns",
-    "counts",
-    "m",
-    "mm",
-]
+SpeedUnit = Literal["rad/s", "deg/s", "rpm", "turns/s", "m/s", "mm/s", "km/h"]
+CounterUnit = Literal["rad", "deg", "turns", "counts", "m", "mm"]
+TrackUnit = Literal[SpeedUnit, CounterUnit]
+COUNTER_UNITS: set[TrackUnit] = {*get_args(CounterUnit)}
 
 OF_SPROCKET = {
     "rad/s": 1.0,
@@ -35,7 +24,6 @@ OF_SPROCKET = {
 """Rates and angles of the sprocket in rad/s and rad; counts depend on the encoder."""
 OF_GROUND = {"m/s": 1.0, "mm/s": 1e-3, "km/h": 1.0 / 3.6, "m": 1.0, "mm": 1e-3}
 """Speeds and distances of the track in m/s and m."""
-COUNTER_UNITS = {"rad", "deg", "turns", "counts", "m", "mm"}  # units of counters
 ANY_COUNTS = 1.0  # counts of a turn with which counters are read until a person fills them in
 LONGEST_DIFFERENCE = 1.0  # longest interval between two samples of a counter that gives a speed [s]
 TOO_FAST = 10.0  # a counter that is faster than this many times the fastest track jumped [-]
