@@ -214,9 +214,6 @@ def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:
             yield f"{later} begins {place}: {advice}"
 
 
-# --- scores of all logs together --------------------------------------------------------------------
-
-
 def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
     """Scores of a robot file over all logs with a truth, and the verdict."""
     # A log without a stretch of dead reckoning has nothing to pool.

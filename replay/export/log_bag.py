@@ -69,12 +69,8 @@ def write_log(
     outboxes = _log_outboxes(log, topics, robot.vehicle.sprocket_radius)
     if topics != robot_topics:
         # `read_log` reads the bag by the mapping of the streams that the log has.
-        used = TopicMap(
-            topics.tracks,
-            topics.imu if log.imu is not None else None,
-            topics.fixes if log.fixes is not None else None,
-            topics.truth if log.truth is not None else None,
-        )
+        names = [name for name in ("imu", "fixes", "truth") if getattr(log, name) is not None]
+        used = TopicMap(topics.tracks, **{name: getattr(topics, name) for name in names})
         text = msgspec.json.encode(used).decode()
         outboxes.append(_text_message(MAPPING_TOPIC, np.array([log.start]), text))
     return write_bag(Path(path), format, outboxes, overwrite=overwrite)

@@ -71,11 +71,9 @@ def imu_readers(spec: ImuTopic) -> tuple[Readers, Readers]:
     rates, forces = spec.angular_velocity, spec.linear_acceleration
     is_apart = spec.acceleration_topic is not None
     if not spec.names:
-        first = slice(0, 3) if is_apart else slice(0, 6)
-        return ({IMU: _imu_reader(spec, first)}, None), (
-            {IMU: _imu_reader(spec, slice(3, 6))},
-            None,
-        )
+        parts = slice(0, 3) if is_apart else slice(0, 6), slice(3, 6)
+        first, other = (({IMU: _imu_reader(spec, part)}, None) for part in parts)
+        return first, other
 
     def of_forces(values: Floats) -> Floats:
         return imu_rows(spec, np.column_stack([np.full((1, len(rates)), np.nan), values]))
