@@ -15,7 +15,7 @@ from typing import BinaryIO
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 
 from icreckon.replay.bags.records import LATEST, Channel, Record, ros2_type_name
-from icreckon.replay.bags.unpacking import DECOMPRESSORS, unpack_beginning
+from icreckon.replay.bags.unpacking import DECOMPRESSORS, unpack
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 ROS1_MAGIC = b"#ROSBAG V2.0\n"
@@ -191,7 +191,7 @@ def _unpacked(data: bytes, compression: str) -> bytes:
         return data
     if compression not in DECOMPRESSORS:
         raise BreakError
-    return unpack_beginning(data, compression)
+    return unpack(data, compression, up_to_damage=True)
 
 
 def _text(content: bytes, position: int) -> tuple[str, int]:

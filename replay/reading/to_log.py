@@ -205,10 +205,17 @@ class _Assembly:
                 what = f"{stream.msgtype} has one speed and a yaw rate"
                 ignored = "speed and yaw_rate" if spec.speed else "left and right"
                 self.notes.append(f"{OF_ROBOT_FILE}{ignored} of [log.tracks] are ignored: {what}")
+        fastest = vehicle.max_track_speed
         if wheels.are_counters and len(stamps):
-            stamps, values = self._counter_speeds(stream, stamps, values, wheels.wrap)
+            has_scale = spec.counts_per_turn != ANY_COUNTS
+            most = fastest if has_scale else math.inf
+            stamps, values, lost = differences(stamps, values, wheels.wrap, most)
+            for reason, count in lost.items():
+                stream.lose(reason, count)
+            if not len(stamps):
+                note = f"no usable difference for {stream.purpose} on topic {stream.topic!r}"
+                self.notes.append(note)
         if len(stamps):
-            fastest = vehicle.max_track_speed
             tracks, notes = of_sides(stamps, values, wheels.left_count, spec.names, fastest)
             self.notes += [] if is_truth else notes
             return tracks
@@ -216,20 +223,6 @@ class _Assembly:
             return None
         reason = self.notes[-1].removeprefix(OF_ROBOT_FILE)
         raise ReplayError(f"{stream.source}: {reason}{self._joints_hint(stream)}")
-
-    def _counter_speeds(
-        self, stream: Stream, stamps: Stamps, counters: Floats, wrap: float | None
-    ) -> tuple[Stamps, Floats]:
-        """Stamps (m,) and wheel speeds (m, k) [m/s] from counters (n, k) [m]."""
-        has_scale = self._spec(stream).counts_per_turn != ANY_COUNTS
-        fastest = self.robot.vehicle.max_track_speed if has_scale else math.inf
-        stamps, speeds, lost = differences(stamps, counters, wrap, fastest)
-        for reason, count in lost.items():
-            stream.lose(reason, count)
-        if not len(stamps):
-            note = f"no usable difference for {stream.purpose} on topic {stream.topic!r}"
-            self.notes.append(note)
-        return stamps, speeds
 
     def _joints_hint(self, stream: Stream) -> str:
         """Text on the wanted and the found joints of a stream; "" for other types."""
