@@ -132,7 +132,7 @@ class _UnreadableError(Exception):
 
 @contextmanager
 def _read_by_rosbags(file: Path) -> Iterator[None]:
-    """Report errors of rosbags as an _UnreadableError, those of the limit with the file."""
+    """Make errors of rosbags an _UnreadableError; name the file in those of a limit."""
     try:
         yield
     except ReplayError as problem:

@@ -69,7 +69,7 @@ class Messages:
         return self.store.types[msgtype](**fields)
 
     def _filled(self, kind: str, definition: Any, value: Any) -> Any:
-        """Value of a field, with messages in place of tuples; arguments as of `_empty_value`."""
+        """Value of a field with messages for tuples; arguments as of `_empty_value`."""
         if kind == "NAME" and isinstance(value, tuple | np.ndarray):
             _constants, fields = self.store.fielddefs[definition]
             names = [name for name, _ in fields]

@@ -139,7 +139,7 @@ def clock_fit(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> Clo
 def _with_drift(
     fit: ClockFit, tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats
 ) -> ClockFit | None:
-    """Fit with what the lags of both halves of a log add to it; None without a clear drift."""
+    """Fit, refined by the lags of both halves of a log; None without a clear drift."""
     undone = fit.undone(tracks)
     stamps = undone.stamps
     middle = int(stamps[0] + stamps[-1]) // 2

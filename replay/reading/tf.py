@@ -172,7 +172,7 @@ class TransformStream(Stream):
     def _along(
         self, chain: list[tuple[Link, bool]], moving: Mapping[Link, _Poses], count: int
     ) -> _Poses:
-        """Poses (count,) along a chain, by those of its moving links; the others are static."""
+        """Poses (count,) along a chain by those of moving links; the others are static."""
         poses = _poses(np.tile(STAYS, (count, 1)))
         for link, forward in chain:
             places, turns = moving.get(link) or _poses(self._static[link][None])
