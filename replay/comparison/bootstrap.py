@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.scores import SEGMENT_STEP, Drift
+from icreckon.replay.comparison.holes import nearest_rows
 
 REPLICATES = 2000
 SEED = 1
@@ -173,11 +174,7 @@ def matched_drifts(first: Drift, other: Drift, *, later: float = 0.0) -> tuple[D
         return _select(first, nothing, nothing), _select(other, nothing, nothing)
     starts = first.starts
     other_starts = other.starts - round(later / NANOSECOND)  # by the stamps of the first
-    # The nearest of `other_starts`, which are sorted, is that before or after.
-    after = np.minimum(np.searchsorted(other_starts, starts), len(other_starts) - 1)
-    before = np.maximum(after - 1, 0)
-    is_before_nearer = abs(other_starts[before] - starts) <= abs(other_starts[after] - starts)
-    nearest = np.where(is_before_nearer, before, after)
+    nearest = nearest_rows(other_starts, starts)
     is_same = abs(other_starts[nearest] - starts) < 0.5 * SEGMENT_STEP / NANOSECOND
     stamps = starts[is_same]
     return _select(first, np.flatnonzero(is_same), stamps), _select(other, nearest[is_same], stamps)

@@ -252,7 +252,7 @@ class _Assembly:
     def _fixes(self, stream: Stream) -> series.FixSeries | None:
         spec = self._spec(stream)
         if stream.msgtype == NAVSATFIX or spec.latitude:
-            stamps, poses, variances, heights = self._geodetic(stream, spec.origin)
+            stamps, poses, variances, heights = self._geodetic(stream)
         else:
             stamps, rows = self._arrays(stream, message_rows.POSE_WIDTH)
             poses, variances, heights = message_rows.pose_parts(rows)
@@ -280,14 +280,12 @@ class _Assembly:
         antennas = np.tile(place, (int(keep.sum()), 1)) if any(place) else None
         return series.FixSeries(stamps[keep], poses[keep], variances[keep], antennas)
 
-    def _geodetic(
-        self, stream: Stream, origin: tuple[float, float, float] | None
-    ) -> tuple[Stamps, Floats, Floats, Floats]:
+    def _geodetic(self, stream: Stream) -> tuple[Stamps, Floats, Floats, Floats]:
         """Stamps, poses, variances, heights of a geodetic stream; notes the origin.
 
         A truth without an origin of its own has that of the fixes, so that both share a frame.
         """
-        origin = self._origin if origin is None else origin
+        origin: Origin | None = self._spec(stream).origin or self._origin
         stamps, rows = self._arrays(stream, 4)
         possible = on_globe(rows) | ~np.isfinite(rows[:, :2]).all(axis=1)
         stream.lose("not a place on the globe", int((~possible).sum()))
@@ -325,7 +323,7 @@ class _Assembly:
     def _truth(self, stream: Stream, streams: dict[str, Stream]) -> series.Truth | None:
         spec = self._spec(stream)
         if stream.msgtype == NAVSATFIX:
-            stamps, poses, variances, _ = self._geodetic(stream, spec.origin)
+            stamps, poses, variances, _ = self._geodetic(stream)
             fits = conversions.fit_for_truth(variances[:, 0])
             stream.lose("stated sigma far above the median", int((~fits).sum()))
             stamps, poses = stamps[fits], poses[fits]
