@@ -26,6 +26,7 @@ from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.run import run
 from icreckon.estimator.streaming.smoother import smooth as smooth_run
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.start import EXACT_ORIGIN, Start
 from icreckon.replay.comparison.fixes import (
     OF_FIXES,
     LogPart,
@@ -50,7 +51,6 @@ Progress = Callable[[float], None]
 # Run of a variant, with the smoothed one if requested; instead of a run, the failure.
 Outcome = tuple[Run | LostFilter, ...]
 Result = TypeVar("Result")
-Place = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -127,16 +127,16 @@ def compare(
         alignment = replace(alignment, truth=log.truth)
     if fixes is not None:
         log = with_fixes_within(log, fixes)
-    start, sigma = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    start = EXACT_ORIGIN
     if log.truth is not None and log.truth.source != OF_FIXES:
-        start, sigma = start_from_truth(log, log.truth, reckoned)
+        start = start_from_truth(log, log.truth, reckoned)
         if alignment is not None:
-            x, y, yaw = map(math.hypot, sigma, alignment.start_sigma)
-            sigma = x, y, yaw
+            x, y, yaw = map(math.hypot, start.sigma, alignment.start_sigma)
+            start = start._replace(sigma=(x, y, yaw))
     elif log.fixes is not None:
         begin = partial(start_from_fixes, log, robot, settings=settings)
-        start, sigma = _first_successful(variants, begin)
-    task = _Task(log, robot, settings, start, sigma, smooth)
+        start = _first_successful(variants, begin)
+    task = _Task(log, robot, settings, start, smooth)
     outcomes = _outcomes(task, variants, workers, progress or (lambda _: None))
     # All filtered runs precede the smoothed ones.
     results = [result for kind in zip_longest(*outcomes) for result in kind if result is not None]
@@ -246,8 +246,7 @@ class _Task:
     log: Log
     robot: Robot
     settings: Settings | None
-    start: Place = (0.0, 0.0, 0.0)
-    start_sigma: Place = (0.0, 0.0, 0.0)
+    start: Start = EXACT_ORIGIN
     smooth: bool = False
 
     def run(self, variant: str, progress: Progress) -> Outcome:
@@ -260,8 +259,8 @@ class _Task:
                 self.robot,
                 variant,
                 settings=self.settings,
-                start=self.start,
-                start_sigma=self.start_sigma,
+                start=self.start.pose,
+                start_sigma=self.start.sigma,
                 progress=lambda stamp: progress((stamp - begin) / length),
             )
         except LostFilter as lost:

@@ -1,4 +1,4 @@
-"""Holes of a log, after which the pose is a guess, and of its truth; nearest stamps."""
+"""Holes of a log, after which the pose is a guess, and of its truth."""
 
 from collections.abc import Sequence
 

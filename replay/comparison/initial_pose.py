@@ -16,14 +16,12 @@ from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import FixWander, Settings, wander_of
 from icreckon.estimator.streaming.run import run
-from icreckon.replay.base.start import ANY_HEADING, CLEAR, SOON, Start, align_path
+from icreckon.replay.base.start import ANY_HEADING, CLEAR, EXACT_ORIGIN, SOON, Start, align_path
 
 BEGINNING = 20.0  # least track distance over which fixes and dead reckoning are compared [m]
 SIGMAS = 20.0  # least length of that distance in standard deviations of a fix [-]
 TURN_SIGMA = 0.5  # standard deviation of the yaw rate before the first heading [rad/s]
 LATE_TRUTH = 1.0  # time after the start of a log from which on its truth begins late [s]
-
-EXACT_ORIGIN = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def lateness(log: Log, truth: Truth) -> float:
