@@ -64,7 +64,7 @@ def are_bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
 
 
 def nearest_rows(known: Stamps, wanted: Stamps) -> Indexes:
-    """Row (n,) of the known stamp that is nearest to each wanted one, the earlier of two."""
+    """Row (n,) of the known stamp nearest to each wanted one, the earlier of two."""
     after = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
     before = np.maximum(after - 1, 0)
     is_before_nearer = abs(known[before] - wanted) <= abs(known[after] - wanted)

@@ -14,6 +14,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.replay.reading.stamps import true_runs
 
 STILL_SPEED = 0.005  # track speeds below this share of the fastest, spikes aside, count as zero [-]
 STILL_MARGIN = 0.5  # time after a stop and before a start that does not count as standstill [s]
@@ -171,12 +172,6 @@ def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[n
         start, stop = tracks.stamps[first] + margin, tracks.stamps[last] - margin
         result |= (stamps >= start) & (stamps <= stop)
     return result
-
-
-def true_runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """First and last rows (k, 2) of the runs of a mask (n,) in which it is set."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))).reshape(-1, 2)
-    return ends - (0, 1)
 
 
 def turning_correlation(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> float | None:

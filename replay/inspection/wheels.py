@@ -22,6 +22,7 @@ from icreckon.replay.inspection.fix_wander import fit_fixes
 from icreckon.replay.inspection.guess_topics import sides
 from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.reading.conversions import STANDARD_GRAVITY
+from icreckon.replay.reading.stamps import true_runs
 
 CLEAR_SIGN = 0.3  # least correlation of tracks and gyro that shows the sign of turning [-]
 FAST_TURNING = 6.0  # yaw rate that a ground robot hardly exceeds [rad/s]
@@ -162,7 +163,7 @@ def standstills(log: Log) -> list[tuple[float, float]]:
     # The mask leaves out half a second at each end of a stop, and so all of a stop under a second.
     is_still, margin = imu_mounting.standstill(log.tracks, stamps), imu_mounting.STILL_MARGIN
     stops = []
-    for first_and_last in imu_mounting.true_runs(is_still):
+    for first_and_last in true_runs(is_still):
         start, end = ((stamps[first_and_last] - log.start) * NANOSECOND).tolist()
         stops.append((max(0.0, start - margin), end + margin))
     return stops
