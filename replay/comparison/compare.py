@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import zip_longest
 from typing import TypeVar
 
@@ -71,6 +71,16 @@ class Comparison:
     alignment: TruthAlignment | None
     failed: dict[str, LostFilter] = field(default_factory=dict)
     known_bias: KnownBias | None = None
+
+    @cached_property
+    def truths(self) -> dict[str, TruthAlignment]:
+        """Truth for each run, by name; a logged one with the run's own lever arm."""
+        if self.log.truth is None:
+            return {}
+        if self.alignment is None:
+            return dict.fromkeys(self.runs, TruthAlignment(0.0, (0.0, 0.0), self.log.truth))
+        alignment, runs = self.alignment, self.runs.items()
+        return {name: own_alignment(alignment, run.trajectory) for name, run in runs}
 
 
 def compare(

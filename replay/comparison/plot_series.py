@@ -19,7 +19,6 @@ from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import Results
 from icreckon.replay.comparison.holes import are_bridged, largest_sigma, nearest_rows, true_poses_at
-from icreckon.replay.comparison.scores import truths_of
 
 # Rows of the series: one each `SERIES_STEP` [s], within these limits. With all nine
 # variants, 1500 rows make a page of 2.6 MB, 4000 rows one of 5.7 MB.
@@ -44,8 +43,8 @@ def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
     first_run = next(iter(comparison.runs.values()))
     most = series_points((log.end - log.start) * NANOSECOND)
     stamps = first_run.stamps[picks(len(first_run.stamps), most)]
-    truths = {} if log.truth is None else truths_of(comparison)
-    shown, path = truths.get(headline), first_run.trajectory.pose_series
+    truths, path = comparison.truths, first_run.trajectory.pose_series
+    shown = truths.get(headline)
     series: Results = {"t_s": _rounded((stamps - log.start) * NANOSECOND), "variants": {}}
     series["inputs"] = _inputs(log, robot, stamps)
     if log.truth is not None and shown is not None:

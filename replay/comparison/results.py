@@ -30,7 +30,7 @@ from icreckon.replay.comparison.drift_table import Drifts
 from icreckon.replay.comparison.fixes import scored_intervals
 from icreckon.replay.comparison.holes import holes_of
 from icreckon.replay.comparison.plot_series import series_of
-from icreckon.replay.comparison.scores import differences, noise_drifts, scores, truths_of
+from icreckon.replay.comparison.scores import differences, noise_drifts, scores
 from icreckon.replay.comparison.truth_alignment import far_fixes_note
 
 FORMAT = 1
@@ -75,7 +75,7 @@ def summarise(
     lever_arm = (0.0, 0.0)
     variants = {}
     if log.truth is not None:
-        truths = truths_of(comparison)
+        truths = comparison.truths
         drifts = comparison_drifts(comparison) if drifts is None else drifts
         paired = drift_table.paired_drifts(drifts)
         verdict = drift_table.verdict(paired, baseline)
@@ -122,7 +122,7 @@ def comparison_drifts(comparison: Comparison) -> Drifts:
     """Drift of all runs against the truth, by horizon and name; empty without a truth."""
     if comparison.log.truth is None:
         return {}
-    truths, scored = truths_of(comparison), scored_intervals(comparison.log)
+    truths, scored = comparison.truths, scored_intervals(comparison.log)
     paths = {name: run.trajectory.pose_series for name, run in comparison.runs.items()}
     return {
         label: {

@@ -27,29 +27,10 @@ from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import Results, horizon_labels
 from icreckon.replay.comparison.fixes import OF_FIXES, scored_intervals
 from icreckon.replay.comparison.holes import before_holes, largest_sigma
-from icreckon.replay.comparison.truth_alignment import TruthAlignment, own_alignment
+from icreckon.replay.comparison.truth_alignment import TruthAlignment
 from icreckon.replay.comparison.truth_level import spatial_scores
 
 NOISE_ROUNDS = 4  # draws of the noise of a truth, of which the mean is taken
-
-
-def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:
-    """Truth for each run, by name; a logged one with the run's own lever arm.
-
-    Raises:
-        ValueError: the log has no truth.
-    """
-    return {name: truth_of(comparison, name) for name in comparison.runs}
-
-
-def truth_of(comparison: Comparison, name: str) -> TruthAlignment:
-    """Truth for a run, as of `truths_of`."""
-    truth, alignment = comparison.log.truth, comparison.alignment
-    if truth is None:
-        raise ValueError("there is no truth to score against")
-    if alignment is None:
-        return TruthAlignment(0.0, (0.0, 0.0), truth)
-    return own_alignment(alignment, comparison.runs[name].trajectory)
 
 
 def scores(
