@@ -14,7 +14,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
-from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.log.scores import drift, interpolate_poses
 from icreckon.estimator.log.series import require_part
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot, require_robot
@@ -27,6 +27,7 @@ from icreckon.estimator.streaming.run import run
 from icreckon.estimator.streaming.smoother import smooth as smooth_run
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.start import EXACT_ORIGIN, Start
+from icreckon.replay.comparison.drift_table import Drifts, horizon_labels
 from icreckon.replay.comparison.fixes import (
     OF_FIXES,
     LogPart,
@@ -81,6 +82,21 @@ class Comparison:
             return dict.fromkeys(self.runs, TruthAlignment(0.0, (0.0, 0.0), self.log.truth))
         alignment, runs = self.alignment, self.runs.items()
         return {name: own_alignment(alignment, run.trajectory) for name, run in runs}
+
+    @cached_property
+    def drifts(self) -> Drifts:
+        """Drift of all runs against the truth, by horizon and name; empty without a truth."""
+        if self.log.truth is None:
+            return {}
+        scored = scored_intervals(self.log)
+        pairs = {name: (self.runs[name].trajectory, self.truths[name].truth) for name in self.runs}
+        return {
+            label: {
+                name: drift(path.pose_series, truth.poses, horizon, unit=unit, within=scored)
+                for name, (path, truth) in pairs.items()
+            }
+            for label, (horizon, unit) in horizon_labels().items()
+        }
 
 
 def compare(

@@ -21,13 +21,7 @@ from icreckon.replay.comparison.bootstrap import PairedDrift
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, Comparison, compare
 from icreckon.replay.comparison.drift_table import Drifts
 from icreckon.replay.comparison.fixes import LogPart
-from icreckon.replay.comparison.results import (
-    FORMAT,
-    Results,
-    comparison_drifts,
-    summarise,
-    versions,
-)
+from icreckon.replay.comparison.results import FORMAT, Results, summarise, versions
 from icreckon.replay.reading.read_log import read_log
 
 NEXT_PART = 5.0  # longest time between the end and the start of parts of one recording [s]
@@ -49,7 +43,7 @@ class CaseScores:
 
     case: Case  # labels of both
     results: Results  # output of `summarise`, without the series
-    drifts: Drifts  # drift of all variants, see `comparison_drifts`; empty without a truth
+    drifts: Drifts  # drift of all variants, see `Comparison.drifts`; empty without a truth
     lag: float  # lag of the truth that was removed [s]
 
 
@@ -99,11 +93,8 @@ def compare_many(
             try:
                 log = given if isinstance(given, Log) else read_log(given, robot)
                 comparison = compare(log, robot, variants, **options)
-                drifts = comparison_drifts(comparison)
-                summary = summarise(
-                    comparison, robot, command="compare_many", drifts=drifts, series=False
-                )
-                scored.append(case_scores(case, comparison, summary, drifts))
+                summary = summarise(comparison, robot, command="compare_many", series=False)
+                scored.append(case_scores(case, comparison, summary))
             except Exception as problem:
                 failed.append(failed_case(case, problem))
                 continue
@@ -132,12 +123,12 @@ def unique(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
     return numbered
 
 
-def case_scores(case: Case, comparison: Comparison, summary: Results, drifts: Drifts) -> CaseScores:
+def case_scores(case: Case, comparison: Comparison, summary: Results) -> CaseScores:
     """Keep the scores of a comparison that the summary of several logs needs."""
     alignment = comparison.alignment
     lag = 0.0 if alignment is None or alignment.lag is None else alignment.lag
     without_series = {key: value for key, value in summary.items() if key != "series"}
-    return CaseScores(case, without_series, drifts, lag)
+    return CaseScores(case, without_series, comparison.drifts, lag)
 
 
 def failed_case(case: Case, problem: Exception) -> Results:
