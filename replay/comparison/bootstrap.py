@@ -17,7 +17,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,12 +58,6 @@ class PairedDrift:
     def blocks(self) -> float:
         """Number of blocks in the segments."""
         return len(self.distances) / self.block
-
-    def only(self, names: Sequence[str]) -> Self:
-        """Keep only the variants among these names, in the present order."""
-        kept = [name for name in self.names if name in names]
-        rows = self.errors[[self.names.index(name) for name in kept]]
-        return replace(self, names=tuple(kept), errors=rows)
 
     def percent(self, name: str) -> Estimate:
         """Mean error over mean distance [%]; NaN without a segment."""
@@ -139,11 +133,12 @@ def _block_length(drift: Drift, rows: NDArray[np.int64]) -> int:
     return max(1, math.ceil(block))
 
 
-def pooled_drift(logs: Sequence[PairedDrift]) -> PairedDrift:
-    """Join the drifts of several logs, for the variants that all of them have."""
+def pooled_drift(logs: Sequence[PairedDrift], among: Sequence[str] | None = None) -> PairedDrift:
+    """Join the drifts of several logs, for the variants `among` some that all have."""
     if not logs:
         raise ValueError("there is no log to pool")
-    names = tuple(name for name in logs[0].names if all(name in log.names for log in logs))
+    wanted = logs[0].names if among is None else [name for name in logs[0].names if name in among]
+    names = tuple(name for name in wanted if all(name in log.names for log in logs))
     errors = [log.errors[[log.names.index(name) for name in names]] for log in logs]
     return PairedDrift(
         names,

@@ -262,7 +262,7 @@ def _pooled_verdict(
 def _joined(logs: Sequence[LogDrifts], names: Sequence[str]) -> dict[str, PairedDrift]:
     """Drift of some variants in all logs, by the label of the horizon."""
     return {
-        label: bootstrap.pooled_drift([log[label].only(names) for log in logs])
+        label: bootstrap.pooled_drift([log[label] for log in logs], names)
         for label in drift_table.horizon_labels()
     }
 

@@ -359,9 +359,8 @@ def _fit_lines(fit: FixFit | None, known: tuple[float, ...]) -> list[str]:
 def _heading_keys(heading: HeadingTopic, estimates: LogEstimates) -> list[str]:
     """Keys of [log.heading] but its topic."""
     log, fit = estimates.log, estimates.fix_fit
-    is_moved = fit is not None and fit.differs(np.zeros(2))
     keys = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
-    antenna = fit.place if fit is not None and is_moved else None
+    antenna = fit.place if fit is not None and fit.differs(np.zeros(2)) else None
     offset = None if log is None else heading_offset(log, antenna)
     if offset is None:
         return [*keys, f"offset_deg = nan    {FILL_IN} (to the direction of driving)"]
