@@ -182,8 +182,7 @@ def _topic_reports(
         if len(rows) > 1:
             repeated[mapping.imu.topic] = float((rows[1:] == rows[:-1]).all(axis=1).mean())
     topics = {survey.channel.topic: survey for survey in surveys}
-    reports = {topic: survey.report(repeated.get(topic)) for topic, survey in topics.items()}
-    return [reports[topic] for topic in sorted(reports)]
+    return [topics[topic].report(repeated.get(topic)) for topic in sorted(topics)]
 
 
 def _estimates(

@@ -290,8 +290,8 @@ def wanted_streams(
         if truth.twist:
             yield stream("truth twist", truth.twist, truth.time, message_rows.TWIST_READERS)
         if truth.tracks and tracks:
-            by_type = message_rows.track_readers(tracks.names, tracks.unit in COUNTER_UNITS)
-            joints = {JOINT_STATE: by_type[JOINT_STATE]}
+            reader = message_rows.JointReader(tracks.names, tracks.unit in COUNTER_UNITS)
+            joints = {JOINT_STATE: reader}
             yield stream("truth tracks", truth.tracks, truth.time, joints)
 
 
