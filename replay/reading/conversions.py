@@ -15,14 +15,7 @@ from icreckon.estimator.base.frames import wrap_angle, yaw_to_quaternion
 from icreckon.estimator.log.measurements import HeightFix
 from icreckon.estimator.robot.robot_file import Vehicle
 from icreckon.replay.bags.message_types import IMU, OF_A_BODY
-from icreckon.replay.mapping.columns import (
-    AccelerationUnit,
-    HeadingColumns,
-    ImuColumns,
-    PoseColumns,
-    RateUnit,
-    TrackColumns,
-)
+from icreckon.replay.mapping.columns import HeadingColumns, ImuColumns, PoseColumns, TrackColumns
 from icreckon.replay.mapping.field_paths import field_reader
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, ImuTopic, TrackTopic
 from icreckon.replay.mapping.track_units import COUNTER_UNITS, metres
@@ -31,12 +24,8 @@ from icreckon.replay.reading.stream import Readers, Row, RowReader
 
 RADIANS = {"rad": 1.0, "deg": math.pi / 180.0}
 STANDARD_GRAVITY = 9.80665  # acceleration of a unit g [m/s²]
-RATES: dict[RateUnit, float] = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "mdps": math.pi / 180e3}
-ACCELERATIONS: dict[AccelerationUnit, float] = {
-    "m/s2": 1.0,
-    "g": STANDARD_GRAVITY,
-    "mg": 1e-3 * STANDARD_GRAVITY,
-}
+RATES = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "mdps": math.pi / 180e3}
+ACCELERATIONS = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY}
 WORSE = 3.0  # stated sigma over the median from which a position is no truth, as of a float fix [-]
 WHOLE_DEGREES = 1e4  # beyond this whole numbers are 1e-7 deg, heights in mm (u-blox, MAVLink, PX4)
 LEAST_WHOLE_SIGMA = 10.0  # whole sigmas from here on, with such degrees, are in mm (u-blox)
@@ -154,11 +143,6 @@ class WheelValues(NamedTuple):
     left_count: int = 1  # number of left wheels
     are_counters: bool = False  # whether the values are counters, whose differences are the motion
     wrap: float | None = None  # range of the counters [m], or None
-
-
-def track_width(msgtype: str, mapped: TrackTopic | TrackColumns) -> int:
-    """Length of a row of `message_rows.track_readers`, or of a table."""
-    return 2 if is_twist(msgtype, mapped) else len(mapped.names)
 
 
 def is_twist(msgtype: str, mapped: TrackTopic | TrackColumns) -> bool:

@@ -190,7 +190,8 @@ class _Assembly:
     def _tracks(self, stream: Stream) -> series.TrackSpeedSeries | None:
         """Track speeds, measured or true; None if no true ones are usable."""
         vehicle, spec, is_truth = self.robot.vehicle, self._spec(stream), stream.purpose != "tracks"
-        stamps, rows = self._arrays(stream, conversions.track_width(stream.msgtype, spec))
+        width = 2 if conversions.is_twist(stream.msgtype, spec) else len(spec.names)
+        stamps, rows = self._arrays(stream, width)
         if is_truth:
             signed = rows * spec.signs * vehicle.sprocket_radius
             wheels = conversions.WheelValues(signed, len(spec.left))
