@@ -40,13 +40,7 @@ from icreckon.replay.checking.check import (
     with_speeds,
 )
 from icreckon.replay.inspection import imu_mounting
-from icreckon.replay.inspection.latency import (
-    clock_fit,
-    clock_keys,
-    objection,
-    track_latency,
-    without_lag,
-)
+from icreckon.replay.inspection.latency import clock_fit, objection, track_latency, without_lag
 from icreckon.replay.inspection.wheels import DEGREES, jackknifed, turning_suspicion
 from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.topics import topic_map
@@ -226,7 +220,7 @@ def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate:
         moved = fit.undone(log.tracks)
         remedy, settings = f'time = "recording" in [{table}]', Settings()
         if isinstance(tracks, TrackColumns):
-            keys = clock_keys(tracks, fit)
+            keys = fit.keys(tracks)
             settings = {f"{table}.{key}": value for key, value in keys.items()}
             remedy = f"{', '.join(f'{key} = {value}' for key, value in keys.items())} in [{table}]"
         return check.contradicted(

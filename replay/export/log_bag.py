@@ -25,13 +25,8 @@ from icreckon.replay.bags.writer import MARK, Outbox, bag_path, write_bag
 from icreckon.replay.bags.writer import Format as Format
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import check_replaceable
-from icreckon.replay.mapping.topics import (
-    MAPPING_TOPIC,
-    TopicMap,
-    TrackTopic,
-    topic_map,
-    writable_topics,
-)
+from icreckon.replay.mapping.columns import TrackKeys
+from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap, topic_map, writable_topics
 from icreckon.replay.reading.stream import ABSENT
 
 
@@ -131,7 +126,7 @@ def _text_message(topic: str, stamps: Stamps, text: str) -> Outbox:
 
 
 def _joint_states(
-    topic: str, tracks: series.TrackSpeedSeries, mapped: TrackTopic, sprocket_radius: float
+    topic: str, tracks: series.TrackSpeedSeries, mapped: TrackKeys, sprocket_radius: float
 ) -> Outbox:
     """Track speeds as sensor_msgs/JointState, one rate for all joints of a side."""
     names = list(mapped.names)

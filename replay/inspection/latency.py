@@ -106,6 +106,12 @@ class ClockFit(NamedTuple):
         ahead = self.offset / NANOSECOND + self.drift * (tracks.stamps - tracks.stamps[0])
         return replace(tracks, stamps=tracks.stamps - np.round(ahead).astype(np.int64))
 
+    def keys(self, tracks: TrackColumns) -> dict[str, float]:
+        """Keys of the tracks' columns for a log that was read with these."""
+        keys = {"clock_offset": round(tracks.clock_offset + self.offset, 2)}
+        drift = round(tracks.clock_drift + self.drift, 6)
+        return keys | ({"clock_drift": drift} if drift != tracks.clock_drift else {})
+
 
 def clock_fit(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> ClockFit | None:
     """Fit the clock of the tracks to that of the IMU, by yaw rates; None if not clear.
@@ -210,13 +216,5 @@ def on_one_clock(mapping: TopicMap, read: Callable[[TopicMap, str], Log]) -> Top
     fit = clock_fit(tracks, of_imu.imu, vertical_rate(of_imu.imu, mounting))
     if fit is None or not fit.is_apart:
         return mapping
-    keys = clock_keys(columns.tracks, fit)
-    changed = structs.replace(columns.tracks, **keys)
+    changed = structs.replace(columns.tracks, **fit.keys(columns.tracks))
     return structs.replace(mapping, columns=structs.replace(columns, tracks=changed))
-
-
-def clock_keys(tracks: TrackColumns, fit: ClockFit) -> dict[str, float]:
-    """Keys of the tracks' columns for a fit to a log that was read with theirs."""
-    keys = {"clock_offset": round(tracks.clock_offset + fit.offset, 2)}
-    drift = round(tracks.clock_drift + fit.drift, 6)
-    return keys | ({"clock_drift": drift} if drift != tracks.clock_drift else {})

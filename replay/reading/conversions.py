@@ -18,7 +18,7 @@ from icreckon.replay.bags.message_types import IMU, OF_A_BODY
 from icreckon.replay.mapping.columns import HeadingColumns, ImuColumns, PoseColumns, TrackColumns
 from icreckon.replay.mapping.field_paths import field_reader
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, ImuTopic, TrackTopic
-from icreckon.replay.mapping.track_units import COUNTER_UNITS, metres
+from icreckon.replay.mapping.track_units import metres
 from icreckon.replay.reading.message_rows import imu_row
 from icreckon.replay.reading.stream import Readers, Row, RowReader
 
@@ -161,8 +161,8 @@ def wheel_values(
         return WheelValues(np.column_stack([forward - half_difference, forward + half_difference]))
     factor = mapped.scale * metres(mapped.unit, vehicle.sprocket_radius, mapped.counts_per_turn)
     wrap = None if mapped.wrap is None else mapped.wrap * factor
-    are_counters = mapped.unit in COUNTER_UNITS
-    return WheelValues(rows * mapped.signs * factor, len(mapped.left), are_counters, wrap)
+    values = rows * mapped.signs * factor
+    return WheelValues(values, len(mapped.left), mapped.are_counters, wrap)
 
 
 def fill_variances(variances: Floats, mapped: FixTopic | PoseColumns) -> NDArray[np.bool_]:

@@ -19,12 +19,7 @@ from icreckon.replay.base.errors import OF_ROBOT_FILE, OF_STAMPS, ApartError, Re
 from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
 from icreckon.replay.mapping.topics import TrackTopic
-from icreckon.replay.mapping.track_units import (
-    ANY_COUNTS,
-    COUNTER_UNITS,
-    counter_range,
-    differences,
-)
+from icreckon.replay.mapping.track_units import ANY_COUNTS, counter_range, differences
 from icreckon.replay.reading import conversions, message_rows
 from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
 from icreckon.replay.reading.gather import Gathered
@@ -359,7 +354,7 @@ class _Assembly:
 
 def _wrap_notes(rows: Floats, mapped: TrackTopic | TrackColumns) -> Iterator[str]:
     """Note a range of counters that their readings contradict."""
-    if mapped.unit not in COUNTER_UNITS or not len(rows):
+    if not mapped.are_counters or not len(rows):
         return
     where, (likely_range, span) = f"{OF_ROBOT_FILE}the counters of the tracks", counter_range(rows)
     if likely_range is not None and mapped.wrap != likely_range:
