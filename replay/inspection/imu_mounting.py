@@ -74,9 +74,7 @@ def estimate_mounting(log: Log) -> Mounting | None:
     if forces is not None and shown_by == "gravity":
         horizontal = forces @ levelling[:2].T
         yaw = forward_yaw(log.tracks, imu.stamps, horizontal, vertical)
-        accelerometer_noise = _density_while_driving(
-            log.tracks, imu.stamps, horizontal, vertical, is_still, step
-        )
+        accelerometer_noise = _density_while_driving(log, horizontal, vertical, is_still, step)
     still_seconds = float(is_still.sum()) * step
     has_stood = still_seconds >= ENOUGH_STILL
     return Mounting(
@@ -191,12 +189,7 @@ def _turning(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:
 
 
 def _density_while_driving(
-    tracks: TrackSpeedSeries,
-    stamps: NDArray[np.int64],
-    horizontal: Floats,
-    vertical: Floats,
-    is_still: NDArray[np.bool_],
-    step: float,
+    log: Log, horizontal: Floats, vertical: Floats, is_still: NDArray[np.bool_], step: float
 ) -> float | None:
     """Noise density of horizontal specific forces beyond the change of speed and v w.
 
@@ -205,19 +198,19 @@ def _density_while_driving(
     IMU's samples [s]; the other arguments are as for `forward_yaw`.
     """
     driving = ~is_still
-    if driving.sum() <= 10:
+    if log.imu is None or driving.sum() <= 10:
         return None
     fast = max(density(axis, driving, step) for axis in horizontal.T)
     width = max(1, round(SMOOTHING / step))
-    count = (len(stamps) - 1) // width
-    if count < 20 or not are_usable(tracks):
+    count = (len(driving) - 1) // width
+    if count < 20 or not are_usable(log.tracks):
         return fast
 
     def means(values: Floats) -> Floats:
         """Means (count,) of successive `width` samples."""
         return np.asarray(values[: count * width].reshape(count, width).mean(axis=1))
 
-    speed = np.interp(stamps, tracks.stamps, tracks.speeds.mean(axis=1))
+    speed = np.interp(log.imu.stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
     change = np.diff(speed[: count * width + 1 : width]) / (width * step)
     design = np.column_stack([change, means(speed * vertical), np.ones(count)])
     moving = means(driving.astype(float)) > 0.5
