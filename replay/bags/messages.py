@@ -21,6 +21,7 @@ ICR_MARKERS = ((7, 0.08), (4, 0.015))
 
 TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"
 """Definition of tf2_msgs/TFMessage, which is not among the ROS 1 types of rosbags."""
+HEADER = "std_msgs/msg/Header"
 
 
 def planar_covariance(covariance: Floats) -> Floats:
@@ -57,8 +58,9 @@ class Messages:
     def new(self, msgtype: str, **fields: Any) -> Any:
         """Make a message from some fields; the others are zero or empty.
 
-        A field that is a message, or a list of these, may have the values of all its fields in place of
-        each: (x, y, z) for a vector, (position, quaternion) for a pose.
+        A field that is a message, or a list of these, may have a dictionary of fields in place of each,
+        or the values of all its fields: (x, y, z) for a vector, (position, quaternion) for a pose. For a
+        header it is (stamp [ns], frame).
         """
         _constants, definitions = self.store.fielddefs[msgtype]
         for name, (kind, definition) in definitions:
@@ -69,20 +71,20 @@ class Messages:
         return self.store.types[msgtype](**fields)
 
     def _filled(self, kind: str, definition: Any, value: Any) -> Any:
-        """Value of a field with messages for tuples; arguments as of `_empty_value`."""
+        """Value of a field with its messages made; arguments as of `_empty_value`."""
         if kind == "NAME" and isinstance(value, tuple | np.ndarray):
+            if definition == HEADER:
+                stamp, frame = value
+                # In ROS 1 a header has a number, too.
+                return self.new(HEADER, stamp=divmod(int(stamp), NANOSECONDS), frame_id=frame)
             _constants, fields = self.store.fielddefs[definition]
-            names = [name for name, _ in fields]
-            return self.new(definition, **dict(zip(names, value, strict=True)))
+            value = dict(zip([name for name, _ in fields], value, strict=True))
+        if kind == "NAME" and isinstance(value, dict):
+            return self.new(definition, **value)
         if kind in ("ARRAY", "SEQUENCE") and isinstance(value, list):
             (element_kind, element), _length = definition
             return [self._filled(element_kind.name, element, one) for one in value]
         return value
-
-    def header(self, stamp: int, frame_id: str) -> Any:
-        """Make a std_msgs/Header from a stamp [ns]."""
-        seconds_and_rest = divmod(int(stamp), NANOSECONDS)
-        return self.new("std_msgs/msg/Header", stamp=seconds_and_rest, frame_id=frame_id)
 
     def _empty_value(self, kind: str, definition: Any) -> Any:
         """Zero or empty value of a field by its definition in rosbags.

@@ -52,9 +52,9 @@ class Outbox(NamedTuple):
     topic: str  # the topic
     msgtype: str  # their type
     stamps: Stamps  # (n,) their stamps [ns]
-    # function that makes a message from the factory, a stamp [ns] and a row of each column; it holds the
-    # numbers of the rows unchanged, as float64
-    make: Callable[..., Any]
+    # function that makes the fields of a message, see `Messages.new`, from a stamp [ns] and a row of each
+    # column; they hold the numbers of the rows unchanged, as float64
+    fields: Callable[..., dict[str, Any]]
     columns: tuple[NDArray[Any], ...] = ()  # arrays (n, ...) of their numbers
     latched: bool = False  # whether who subscribes later gets the newest message, too
 
@@ -65,7 +65,7 @@ class Outbox(NamedTuple):
         all others are filled in there as columns.
 
         Raises:
-            ValueError: the message of `make` lacks a number, or holds it in another form.
+            ValueError: the message lacks a number, or holds it in another form.
         """
         if len(self.stamps) <= 1:
             for stamp, *row in zip(self.stamps, *self.columns, strict=True):
@@ -89,7 +89,8 @@ class Outbox(NamedTuple):
 
     def _bytes(self, messages: Messages, stamp: int, *row: Any) -> bytes:
         """Serialise the message of a stamp [ns] and a row of each column."""
-        return bytes(messages.serialize(self.make(messages, stamp, *row), self.msgtype))
+        message = messages.new(self.msgtype, **self.fields(stamp, *row))
+        return bytes(messages.serialize(message, self.msgtype))
 
 
 def _rows(stamps: Stamps, columns: Sequence[NDArray[Any]]) -> NDArray[np.uint8]:
