@@ -315,7 +315,7 @@ class LiveInputs:
         for purpose, stream in self._streams.items():
             rows = [waiting for waiting in self._waiting if waiting.purpose == purpose]
             if purpose in self.clocks:
-                evidence[purpose] = Evidence(stream.topic, stream.time, 0.0)
+                evidence[purpose] = Evidence(stream.time, 0.0)
             elif rows:
                 offsets = [row.header - row.arrival for row in rows if row.header is not None]
                 offset = None
@@ -323,7 +323,7 @@ class LiveInputs:
                     # That of a message that did not wait long.
                     offset = float(np.quantile(offsets, PROMPT, method="lower")) * NANOSECOND
                 constant = len(rows) > 1 and len({row.header for row in rows}) == 1
-                evidence[purpose] = Evidence(stream.topic, stream.time, offset, constant)
+                evidence[purpose] = Evidence(stream.time, offset, constant)
         return evidence
 
     # --- measurements ------------------------------------------------------------------------------
