@@ -1,7 +1,7 @@
 """Guess of the topic map of an unknown bag, by types and names."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -440,22 +440,21 @@ def _vectors(
     return None
 
 
-def other_wheels(surveys: Iterable[Survey], mapping: TopicMap) -> list[str]:
-    """Topics of wheels with a number each that a mapping does not use."""
+def unused_topics(surveys: Collection[Survey], mapping: TopicMap) -> Iterator[str]:
+    """Findings on wheels with a topic each, and positions, that a mapping lacks."""
     tracks = mapping.tracks
-    if tracks is None or tracks.right_topic is None:
-        return []
-    quantity, used = _quantity(tracks.topic), (tracks.topic, tracks.right_topic)
-    found = {survey.channel.topic for survey in surveys if may_be_a_side(survey)} - {*used}
-    return sorted(topic for topic in found if _quantity(topic) == quantity)
-
-
-def other_positions(surveys: Iterable[Survey], mapping: TopicMap) -> list[str]:
-    """Topics of measured positions that a mapping does not use."""
+    if tracks is not None and tracks.right_topic is not None:
+        sides_of_log = {survey.channel.topic for survey in surveys if may_be_a_side(survey)}
+        others = sides_of_log - {tracks.topic, tracks.right_topic}
+        quantity = _quantity(tracks.topic)
+        if wheels := sorted(topic for topic in others if _quantity(topic) == quantity):
+            yield f"tracks: a topic of each side is read; not used: {', '.join(wheels)}"
     used = {stream.topic for stream in (mapping.fixes, mapping.truth) if stream is not None}
     kinds = (ros.POSE, ros.POSE_WITH_COVARIANCE, ros.NAVSATFIX)
     found = {survey.channel.topic for survey in surveys if survey.channel.msgtype in kinds}
-    return sorted(topic for topic in found - used if not is_command(topic))
+    if positions := sorted(topic for topic in found - used if not is_command(topic)):
+        text = f"positions not used: {', '.join(positions)}"
+        yield f"{text}; a topic of [log.fixes] or [log.truth]?"
 
 
 def _fixes(surveys: Mapping[str, Survey]) -> FixTopic | None:

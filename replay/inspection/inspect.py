@@ -35,12 +35,7 @@ from icreckon.replay.inspection import imu_mounting, robot_file, static_frames, 
 from icreckon.replay.inspection import track_by_rate as by_rate
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander, fit_fixes
 from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of
-from icreckon.replay.inspection.guess_topics import (
-    guess_topics,
-    may_be_a_side,
-    other_positions,
-    other_wheels,
-)
+from icreckon.replay.inspection.guess_topics import guess_topics, may_be_a_side, unused_topics
 from icreckon.replay.inspection.gyro_bias import LEAST_BY_TRACKS, SURE, gyro_bias
 from icreckon.replay.inspection.latency import (
     heading_lag,
@@ -136,11 +131,7 @@ def inspect(
     for table in tables:
         reports += _column_reports(table, mapping.columns)
     findings += [] if mapping.track_keys else [_missing_tracks(surveys.values())]
-    if unused := other_wheels(surveys.values(), mapping):
-        findings.append(f"tracks: a topic of each side is read; not used: {', '.join(unused)}")
-    if others := other_positions(surveys.values(), mapping):
-        text = f"positions not used: {', '.join(others)}"
-        findings.append(f"{text}; a topic of [log.fixes] or [log.truth]?")
+    findings += unused_topics(surveys.values(), mapping)
     errors = _error_findings(estimates)
     return Inspection(
         path=first,
