@@ -30,7 +30,6 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.comparison.bootstrap import paired_drift
 from icreckon.replay.comparison.compare import compare
-from icreckon.replay.comparison.results import comparison_drifts
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.scenario import Scenario
@@ -95,7 +94,7 @@ def _latency(robot: Robot) -> float:
 
 def drifts(log: Log, robot: Robot) -> tuple[Floats, float]:
     """Summed errors of each variant [m], and the distance [m]."""
-    found = comparison_drifts(compare(log, robot, VARIANTS))[HORIZON]
+    found = compare(log, robot, VARIANTS).drifts[HORIZON]
     paired = paired_drift({name: found[name] for name in VARIANTS})
     return paired.errors.sum(axis=1), float(paired.distances.sum())
 

@@ -6,12 +6,14 @@ or SQLite file. Files that are compressed as a whole are unpacked first.
 
 from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, TypeVar
 
 from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
@@ -69,14 +71,14 @@ class Ros2Reader(rosbag2.Reader):
     STORAGE_PLUGINS = MappingProxyType({**rosbag2.Reader.STORAGE_PLUGINS, "dir": _FolderReader})
 
 
-class Bag(Protocol):
+@dataclass
+class Bag:
     """An open bag."""
 
     counts: Counter[Channel]  # number of messages of each channel
     notes: list[str]  # findings for the user, such as a broken index
-
-    def messages(self, topics: Collection[str]) -> Iterator[Record]:
-        """Yield the messages of some topics, roughly in the order of recording."""
+    # function that yields the messages of some topics, roughly in the order of recording
+    messages: Callable[[Collection[str]], Iterator[Record]]
 
 
 def over_bag(path: Path, work: Callable[[Bag], T]) -> T:
@@ -112,14 +114,14 @@ def _run_over(path: Path, sets: list[list[Path]], notes: list[str], work: Callab
     reason = ""
     for files in sets:
         try:
-            with _IndexedBag(files) as bag:
+            with _indexed_bag(files) as bag:
                 bag.notes[:0] = notes
                 if reason:
                     bag.notes.append(f"{path.name}: {reason}; its files were read one by one")
                 return work(bag)
         except _UnreadableError as problem:
             reason = reason or str(problem)
-    recovered = _RecoveredBag(path, sets[-1], reason)
+    recovered = _recovered_bag(path, sets[-1], reason)
     recovered.notes[:0] = notes
     return work(recovered)
 
@@ -128,91 +130,84 @@ class _UnreadableError(Exception):
     """rosbags cannot read the bag; the text is the reason."""
 
 
-class _IndexedBag:
-    """Bag with an intact index, read by rosbags."""
+@contextmanager
+def _read_by_rosbags(file: Path) -> Iterator[None]:
+    """Make errors of rosbags an _UnreadableError; name the file in those of a limit."""
+    try:
+        yield
+    except ReplayError as problem:
+        raise ReplayError(f"{file}: {problem}") from None
+    except Exception as problem:
+        # One line of text, with the type unless it is a reader's error.
+        text = " ".join(str(problem).split()).rstrip(".")
+        if not isinstance(problem, (rosbag1.ReaderError, rosbag2.ReaderError)) or not text:
+            text = f"{type(problem).__name__}: {text}" if text else type(problem).__name__
+        raise _UnreadableError(text) from problem
 
-    def __init__(self, files: list[Path]) -> None:
-        self.files = files
-        self.counts: Counter[Channel] = Counter()
-        self.notes: list[str] = []
-        self._stack = ExitStack()
-        self._readers: list[tuple[Path, rosbag1.Reader | rosbag2.Reader]] = []
 
-    def __enter__(self) -> Self:
-        try:
-            for file in self.files:
-                is_ros1 = file.is_file() and _first_bytes(file) == ROS1_MAGIC
-                reader = rosbag1.Reader(file) if is_ros1 else Ros2Reader(file)
-                self._stack.enter_context(reader)
-                self._readers.append((file, reader))
-                for connection in reader.connections:
-                    self.counts[_channel(connection)] += connection.msgcount
-        except ReplayError as problem:
-            self._stack.close()
-            raise ReplayError(f"{file}: {problem}") from None
-        except Exception as problem:
-            self._stack.close()
-            raise _UnreadableError(_reason(problem)) from problem
-        self.notes.extend(_journal_notes(self.files))
-        return self
+@contextmanager
+def _indexed_bag(files: list[Path]) -> Iterator[Bag]:
+    """Open a bag with an intact index, which rosbags reads."""
+    readers: list[tuple[Path, rosbag1.Reader | rosbag2.Reader]] = []
+    counts: Counter[Channel] = Counter()
 
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
-
-    def messages(self, topics: Collection[str]) -> Iterator[Record]:
-        for file, reader in self._readers:
+    def messages(topics: Collection[str]) -> Iterator[Record]:
+        for file, reader in readers:
             wanted = [connection for connection in reader.connections if connection.topic in topics]
             if not wanted:
                 continue
             channels = {connection.id: _channel(connection) for connection in wanted}
             listed, read = sum(connection.msgcount for connection in wanted), 0
-            try:
+            with _read_by_rosbags(file):
                 for connection, time, data in reader.messages(wanted):
                     if not 0 <= time < LATEST:
                         break  # damaged: the counts will differ
                     read += 1
                     yield Record(channels[connection.id], time, data)
-            except ReplayError as problem:
-                raise ReplayError(f"{file}: {problem}") from None
-            except Exception as problem:
-                raise _UnreadableError(_reason(problem)) from problem
             if read != listed:
                 raise _UnreadableError(f"the index lists {listed} messages, {read} are there")
 
-
-class _RecoveredBag:
-    """Readable part of a bag whose index is missing or broken."""
-
-    def __init__(self, path: Path, files: list[Path], reason: str) -> None:
-        self.counts: Counter[Channel] = Counter()
-        self.notes: list[str] = []
-        self._walks: list[RecordWalk] = []
+    with ExitStack() as stack:
         for file in files:
-            first_bytes = _first_bytes(file)
-            # A file that was cut short may have less than the whole magic.
-            if first_bytes and SQLITE_MAGIC.startswith(first_bytes):
-                raise ReplayError(
-                    f"{file}: the SQLite file cannot be read ({reason}); "
-                    "`sqlite3 broken.db3 .recover | sqlite3 saved.db3` may save what is left"
-                )
-            walk = RecordWalk(file)
-            try:
-                counts = Counter(record.channel for record in walk.records())
-            except OSError as problem:
-                raise ReplayError(f"{file}: cannot be read: {problem.strerror}") from None
-            except ReplayError as problem:
-                raise ReplayError(f"{file}: {problem}") from None
-            self.counts.update(counts)
-            # Channels without messages, too.
-            self.counts.update(dict.fromkeys(walk.channels.values(), 0))
-            self._walks.append(walk)
-            self.notes.append(_recovery_note(walk, counts.total(), reason))
-        if not any(self.counts.values()):
-            raise ReplayError(f"{path}: no message can be read ({reason})")
+            with _read_by_rosbags(file):
+                is_ros1 = file.is_file() and _first_bytes(file) == ROS1_MAGIC
+                reader = rosbag1.Reader(file) if is_ros1 else Ros2Reader(file)
+                stack.enter_context(reader)
+                readers.append((file, reader))
+                for connection in reader.connections:
+                    counts[_channel(connection)] += connection.msgcount
+        yield Bag(counts, _journal_notes(files), messages)
 
-    def messages(self, topics: Collection[str]) -> Iterator[Record]:
-        for walk in self._walks:
-            yield from (record for record in walk.records() if record.channel.topic in topics)
+
+def _recovered_bag(path: Path, files: list[Path], reason: str) -> Bag:
+    """Open the readable part of a bag whose index is missing or broken."""
+    counts: Counter[Channel] = Counter()
+    notes, walks = [], list(map(RecordWalk, files))
+    for walk in walks:
+        first_bytes = _first_bytes(walk.path)
+        # A file that was cut short may have less than the whole magic.
+        if first_bytes and SQLITE_MAGIC.startswith(first_bytes):
+            raise ReplayError(
+                f"{walk.path}: the SQLite file cannot be read ({reason}); "
+                "`sqlite3 broken.db3 .recover | sqlite3 saved.db3` may save what is left"
+            )
+        with os_errors(walk.path, "cannot be read"):
+            try:
+                found = Counter(record.channel for record in walk.records())
+            except ReplayError as problem:
+                raise ReplayError(f"{walk.path}: {problem}") from None
+        counts.update(found)
+        # Channels without messages, too.
+        counts.update(dict.fromkeys(walk.channels.values(), 0))
+        notes.append(_recovery_note(walk, found.total(), reason))
+    if not any(counts.values()):
+        raise ReplayError(f"{path}: no message can be read ({reason})")
+
+    def messages(topics: Collection[str]) -> Iterator[Record]:
+        records = chain.from_iterable(walk.records() for walk in walks)
+        return (record for record in records if record.channel.topic in topics)
+
+    return Bag(counts, notes, messages)
 
 
 def _recovery_note(walk: RecordWalk, count: int, reason: str) -> str:
@@ -336,11 +331,3 @@ def _journal_notes(files: list[Path]) -> list[str]:
                     f"were not read; `sqlite3 {database.name} 'PRAGMA wal_checkpoint'` merges them"
                 )
     return notes
-
-
-def _reason(problem: Exception) -> str:
-    """One-line text of an error, with its type unless it is a reader's error."""
-    text = " ".join(str(problem).split()).rstrip(".")
-    if isinstance(problem, (rosbag1.ReaderError, rosbag2.ReaderError)) and text:
-        return text
-    return f"{type(problem).__name__}: {text}" if text else type(problem).__name__

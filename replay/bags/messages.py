@@ -21,6 +21,7 @@ ICR_MARKERS = ((7, 0.08), (4, 0.015))
 
 TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"
 """Definition of tf2_msgs/TFMessage, which is not among the ROS 1 types of rosbags."""
+HEADER = "std_msgs/msg/Header"
 
 
 def planar_covariance(covariance: Floats) -> Floats:
@@ -31,6 +32,12 @@ def planar_covariance(covariance: Floats) -> Floats:
     full = NOT_ESTIMATED.copy()
     full[PLANAR_BLOCK] = covariance
     return full.ravel()
+
+
+def planar_twist(twist: Any) -> tuple[Any, Any]:
+    """Linear and angular part of a twist v_x, v_y [m/s], w [rad/s] of the body."""
+    v_x, v_y, w = twist
+    return (v_x, v_y, 0.0), (0.0, 0.0, w)
 
 
 def six_rows(covariance: Floats) -> Floats:
@@ -47,61 +54,37 @@ class Messages:
         self.store = _store(ros1=ros1)
         self.ros1 = ros1
         self.serialize = self.store.serialize_ros1 if ros1 else self.store.serialize_cdr
-        self._sequence = {"seq": 0} if ros1 else {}  # a field of headers in ROS 1 only
 
     def new(self, msgtype: str, **fields: Any) -> Any:
-        """Make a message from all its fields."""
-        return self.store.types[msgtype](**fields)
+        """Make a message from some fields; the others are zero or empty.
 
-    def header(self, stamp: int, frame_id: str) -> Any:
-        """Make a std_msgs/Header from a stamp [ns]."""
-        seconds, nanoseconds = divmod(int(stamp), NANOSECONDS)
-        time = self.new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
-        return self.new("std_msgs/msg/Header", **self._sequence, stamp=time, frame_id=frame_id)
-
-    def vector(self, xyz: Any) -> Any:
-        """Make a geometry_msgs/Vector3 from three numbers."""
-        x, y, z = map(float, xyz)
-        return self.new("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
-
-    def point(self, xyz: Any) -> Any:
-        """Make a geometry_msgs/Point from three numbers [m]."""
-        x, y, z = map(float, xyz)
-        return self.new("geometry_msgs/msg/Point", x=x, y=y, z=z)
-
-    def quaternion(self, xyzw: Any) -> Any:
-        """Make a geometry_msgs/Quaternion from x, y, z, w."""
-        x, y, z, w = map(float, xyzw)
-        return self.new("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-
-    def pose(self, position: Any, quaternion: Any) -> Any:
-        """Make a geometry_msgs/Pose from x, y, z [m] and a quaternion x, y, z, w."""
-        point, orientation = self.point(position), self.quaternion(quaternion)
-        return self.new("geometry_msgs/msg/Pose", position=point, orientation=orientation)
-
-    def pose_with_covariance(self, position: Any, quaternion: Any, covariance: Floats) -> Any:
-        """Make a geometry_msgs/PoseWithCovariance; the covariance is row-major (36,)."""
-        pose = self.pose(position, quaternion)
-        return self.new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance)
-
-    def twist(self, twist: Any) -> Any:
-        """Make a geometry_msgs/Twist from v_x, v_y [m/s] and w [rad/s] of the body."""
-        v_x, v_y, w = twist
-        linear, angular = self.vector((v_x, v_y, 0.0)), self.vector((0.0, 0.0, w))
-        return self.new("geometry_msgs/msg/Twist", linear=linear, angular=angular)
-
-    def twist_with_covariance(self, twist: Any, covariance: Floats) -> Any:
-        """Make a geometry_msgs/TwistWithCovariance; the covariance is row-major (36,)."""
-        msgtype = "geometry_msgs/msg/TwistWithCovariance"
-        return self.new(msgtype, twist=self.twist(twist), covariance=covariance)
-
-    def blank(self, msgtype: str, **fields: Any) -> Any:
-        """Make a message from some fields; the others are zero or empty."""
+        A field that is a message, or a list of these, may have a dictionary of fields in place of each,
+        or the values of all its fields: (x, y, z) for a vector, (position, quaternion) for a pose. For a
+        header it is (stamp [ns], frame).
+        """
         _constants, definitions = self.store.fielddefs[msgtype]
         for name, (kind, definition) in definitions:
-            if name not in fields:
+            if name in fields:
+                fields[name] = self._filled(kind.name, definition, fields[name])
+            else:
                 fields[name] = self._empty_value(kind.name, definition)
-        return self.new(msgtype, **fields)
+        return self.store.types[msgtype](**fields)
+
+    def _filled(self, kind: str, definition: Any, value: Any) -> Any:
+        """Value of a field with its messages made; arguments as of `_empty_value`."""
+        if kind == "NAME" and isinstance(value, tuple | np.ndarray):
+            if definition == HEADER:
+                stamp, frame = value
+                # In ROS 1 a header has a number, too.
+                return self.new(HEADER, stamp=divmod(int(stamp), NANOSECONDS), frame_id=frame)
+            _constants, fields = self.store.fielddefs[definition]
+            value = dict(zip([name for name, _ in fields], value, strict=True))
+        if kind == "NAME" and isinstance(value, dict):
+            return self.new(definition, **value)
+        if kind in ("ARRAY", "SEQUENCE") and isinstance(value, list):
+            (element_kind, element), _length = definition
+            return [self._filled(element_kind.name, element, one) for one in value]
+        return value
 
     def _empty_value(self, kind: str, definition: Any) -> Any:
         """Zero or empty value of a field by its definition in rosbags.
@@ -113,7 +96,7 @@ class Messages:
             type_name, _ = definition
             return {"string": "", "bool": False}.get(type_name, 0)
         if kind == "NAME":
-            return self.blank(definition)
+            return self.new(definition)
         (element_kind, element), length = definition
         if element_kind.name == "BASE" and element[0] != "string":
             return np.zeros(length, element[0])

@@ -10,12 +10,12 @@ from binascii import crc32
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 
 from icreckon.replay.bags.records import LATEST, Channel, Record, ros2_type_name
-from icreckon.replay.bags.unpacking import DECOMPRESSORS, unpack_beginning
+from icreckon.replay.bags.unpacking import DECOMPRESSORS, unpack
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 ROS1_MAGIC = b"#ROSBAG V2.0\n"
@@ -36,15 +36,7 @@ DAMAGE = (BreakError, struct.error, IndexError, KeyError, UnicodeDecodeError)
 """Exceptions of records that are not as the format prescribes."""
 
 
-class _Schema(NamedTuple):
-    """Message type of an MCAP file, by its name and its definition in some encoding."""
-
-    name: str
-    encoding: str
-    definition: str
-
-
-_Schemas = dict[int, _Schema]  # by id
+_Schemas = dict[int, tuple[str, MessageDefinition]]  # name and definition of a message type, by id
 _Fields = dict[bytes, bytes]  # fields of a ROS 1 header, by name
 
 
@@ -138,15 +130,15 @@ class RecordWalk:
             name, position = _text(content, 2)
             encoding, position = _text(content, position)
             definition, _ = _text(content, position)
-            schemas[schema_id] = _Schema(name, encoding, definition)
+            form = DEFINITION_FORMATS.get(encoding)
+            known = MessageDefinition(form, definition) if form else NO_DEFINITION
+            schemas[schema_id] = ros2_type_name(name), known
         elif operation == MCAP_CHANNEL:
             channel_id, schema_id = struct.unpack_from("<HH", content)
             topic, position = _text(content, 4)
             encoding, _ = _text(content, position)
-            schema = schemas.get(schema_id, _Schema("", "", ""))
-            form = DEFINITION_FORMATS.get(schema.encoding)
-            known = MessageDefinition(form, schema.definition) if form else NO_DEFINITION
-            self.channels[channel_id] = Channel(topic, ros2_type_name(schema.name), known, encoding)
+            msgtype, known = schemas.get(schema_id, ("", NO_DEFINITION))
+            self.channels[channel_id] = Channel(topic, msgtype, known, encoding)
         elif operation == 0:  # not a record: a file system that lost the tail leaves zeros
             raise BreakError
 
@@ -199,7 +191,7 @@ def _unpacked(data: bytes, compression: str) -> bytes:
         return data
     if compression not in DECOMPRESSORS:
         raise BreakError
-    return unpack_beginning(data, compression)
+    return unpack(data, compression, up_to_damage=True)
 
 
 def _text(content: bytes, position: int) -> tuple[str, int]:

@@ -140,9 +140,24 @@ def _read_csv(path: Path) -> Read:
         # pyarrow writes a traceback when it hands a row that is not UTF-8 to a handler.
         if not _is_utf_8(text):
             raise
-    damaged = _DamagedRows()
-    table = read(damaged.skip)
-    return table, {}, damaged.notes(int(table.num_rows))
+    damaged, first_row = 0, ""
+
+    def skip(row: Any) -> str:
+        """Count a pyarrow.csv.InvalidRow, describe the first, make pyarrow skip it."""
+        nonlocal damaged, first_row
+        if not damaged:
+            text = row.text if len(row.text) <= SHOWN else f"{row.text[:SHOWN]}..."
+            first_row = f"{row.actual_columns} instead of {row.expected_columns}, in {text!r}"
+        damaged += 1
+        return "skip"
+
+    table = read(skip)
+    count = int(table.num_rows) + damaged
+    number = f"{damaged} of {count} rows"
+    damage = f"{number} with another number of cells than names ({first_row})"
+    if damaged and not are_few(damaged, count):
+        raise ReplayError(f"the table cannot be read: it has {damage}; correct or delete them")
+    return table, {}, [f"left out {damage}"] if damaged else []
 
 
 def _csv_bytes(path: Path) -> Any:
@@ -167,32 +182,6 @@ def _is_utf_8(text: Any) -> bool:
     except UnicodeDecodeError:
         return False
     return True
-
-
-class _DamagedRows:
-    """Count of the rows that have another number of cells than the line of names."""
-
-    def __init__(self) -> None:
-        self._count, self._first_row = 0, ""
-
-    def skip(self, row: Any) -> str:
-        """Count a pyarrow.csv.InvalidRow, describe the first, make pyarrow skip it."""
-        if not self._count:
-            text = row.text if len(row.text) <= SHOWN else f"{row.text[:SHOWN]}..."
-            self._first_row = f"{row.actual_columns} instead of {row.expected_columns}, in {text!r}"
-        self._count += 1
-        return "skip"
-
-    def notes(self, read_rows: int) -> list[str]:
-        """Note on damaged rows, if any; `read_rows` is the number of the others."""
-        if not self._count:
-            return []
-        rows = read_rows + self._count
-        number = f"{self._count} of {rows} rows"
-        damage = f"{number} with another number of cells than names ({self._first_row})"
-        if not are_few(self._count, rows):
-            raise ReplayError(f"the table cannot be read: it has {damage}; correct or delete them")
-        return [f"left out {damage}"]
 
 
 def _decimal_point(rows: list[str], delimiter: str) -> str:

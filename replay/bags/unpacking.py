@@ -96,26 +96,17 @@ def _decompress(
         raise EOFError
 
 
-def _decompress_part(data: bytes, compression: str) -> Iterator[bytes]:
-    """Decompress a chunk or a message of a bag in pieces; errors as `unpack`."""
-    pieces = (data[start : start + PACKED_PIECE] for start in range(0, len(data), PACKED_PIECE))
-    return _decompress(pieces, compression, "a part of the bag", limit())
-
-
-def unpack(data: bytes, compression: str) -> bytes:
+def unpack(data: bytes, compression: str, *, up_to_damage: bool = False) -> bytes:
     """Decompress a chunk or a message of a bag, packed by "zstd", "lz4" or "bz2".
 
     Raises:
-        ReplayError: it unpacks to more than the limit; damage raises one of `DAMAGE`.
+        ReplayError: it unpacks to more than the limit; damage raises one of `DAMAGE` unless what comes
+            before it is wanted.
     """
-    return b"".join(_decompress_part(data, compression))
-
-
-def unpack_beginning(data: bytes, compression: str) -> bytes:
-    """Decompress a chunk up to its damage; ReplayError as for `unpack`."""
+    packed = (data[start : start + PACKED_PIECE] for start in range(0, len(data), PACKED_PIECE))
     unpacked = bytearray()
-    with suppress(*DAMAGE):
-        for piece in _decompress_part(data, compression):
+    with suppress(*DAMAGE if up_to_damage else ()):
+        for piece in _decompress(packed, compression, "a part of the bag", limit()):
             unpacked += piece
     return bytes(unpacked)
 

@@ -1,13 +1,14 @@
 """Bag writer: messages of several topics in the order of their stamps."""
 
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from heapq import merge
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 from rosbags import interfaces, rosbag1, rosbag2
 from rosbags.rosbag2 import StoragePlugin
@@ -15,7 +16,6 @@ from rosbags.rosbag2 import StoragePlugin
 from icreckon.estimator.base.array_types import Stamps
 from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.messages import Messages
-from icreckon.replay.bags.serialised import serialised_alike
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import written_beside
 
@@ -40,6 +40,9 @@ LATCHED = interfaces.Qos(
 )
 """Quality of service of a latched topic."""
 
+BLOCK = 1024  # messages that are in memory at once
+NUMBER_BYTES = 8  # bytes of a float64, and of a stamp of seconds and nanoseconds
+PLACEHOLDER_STAMP = 1_234_567_890_987_654_321
 LARGEST_STAMP = 2**31 * NANOSECONDS  # both ROS 1 and ROS 2 store the seconds of a stamp in 32 bits
 
 
@@ -49,19 +52,64 @@ class Outbox(NamedTuple):
     topic: str  # the topic
     msgtype: str  # their type
     stamps: Stamps  # (n,) their stamps [ns]
-    # function that makes a message from the factory, a stamp [ns] and a row of each column
-    make: Callable[..., Any]
+    # function that makes the fields of a message, see `Messages.new`, from a stamp [ns] and a row of each
+    # column; they hold the numbers of the rows unchanged, as float64
+    fields: Callable[..., dict[str, Any]]
     columns: tuple[NDArray[Any], ...] = ()  # arrays (n, ...) of their numbers
     latched: bool = False  # whether who subscribes later gets the newest message, too
 
     def serialised(self, messages: Messages) -> Iterator[bytes]:
-        """Yield the messages as bytes: they differ in the numbers of their rows alone."""
-        if len(self.stamps) > 1:
-            of_messages = self.msgtype, self.make, self.stamps, self.columns
-            yield from serialised_alike(messages, *of_messages)
+        """Yield the messages as bytes: they differ in the numbers of their rows alone.
+
+        One message of placeholders is serialised, and shows at which bytes each number is. The numbers of
+        all others are filled in there as columns.
+
+        Raises:
+            ValueError: the message lacks a number, or holds it in another form.
+        """
+        if len(self.stamps) <= 1:
+            for stamp, *row in zip(self.stamps, *self.columns, strict=True):
+                yield self._bytes(messages, stamp, *row)
             return
-        for stamp, *row in zip(self.stamps, *self.columns, strict=True):
-            yield bytes(messages.serialize(self.make(messages, stamp, *row), self.msgtype))
+        rng = np.random.default_rng(0)
+        placeholders = [rng.uniform(1.0, 2.0, (1, *column.shape[1:])) for column in self.columns]
+        data = self._bytes(messages, PLACEHOLDER_STAMP, *(row for (row,) in placeholders))
+        template = np.frombuffer(data, np.uint8)
+        (patterns,) = _rows(np.array([PLACEHOLDER_STAMP]), placeholders)
+        places = _places(data, patterns)
+        if len({number for number, _ in places}) < len(patterns):
+            raise ValueError(f"a {self.msgtype} does not hold all of its numbers unchanged")
+        for first in range(0, len(self.stamps), BLOCK):
+            block = slice(first, first + BLOCK)
+            rows = _rows(self.stamps[block], [column[block] for column in self.columns])
+            block_data = np.tile(template, (len(rows), 1))
+            for number, place in places:
+                block_data[:, place : place + NUMBER_BYTES] = rows[:, number]
+            yield from map(bytes, block_data)
+
+    def _bytes(self, messages: Messages, stamp: int, *row: Any) -> bytes:
+        """Serialise the message of a stamp [ns] and a row of each column."""
+        message = messages.new(self.msgtype, **self.fields(stamp, *row))
+        return bytes(messages.serialize(message, self.msgtype))
+
+
+def _rows(stamps: Stamps, columns: Sequence[NDArray[Any]]) -> NDArray[np.uint8]:
+    """Bytes (n, k, 8) of the stamp and the numbers of each message."""
+    parts = [np.column_stack(np.divmod(stamps, NANOSECONDS)).astype("<u4")]
+    parts += [column.reshape(len(column), -1).astype("<f8", order="C") for column in columns]
+    numbers = np.hstack([part.view(np.uint8) for part in parts])
+    return numbers.reshape(len(numbers), -1, NUMBER_BYTES)
+
+
+def _places(data: bytes, patterns: NDArray[np.uint8]) -> list[tuple[int, int]]:
+    """Pairs of a number of a row and a place of its bytes in a message."""
+    places = []
+    for number, pattern in enumerate(patterns):
+        place = data.find(pattern.tobytes())
+        while place >= 0:
+            places.append((number, place))
+            place = data.find(pattern.tobytes(), place + NUMBER_BYTES)
+    return places
 
 
 def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bool = False) -> Path:

@@ -27,6 +27,9 @@ class Start(NamedTuple):
         return self.sigma[2]
 
 
+EXACT_ORIGIN = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
 def align_path(path: Floats, fixes: Floats, sigma: float) -> Start | None:
     """Fit a path rigidly to fixes; None if its yaw is not observable.
 

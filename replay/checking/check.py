@@ -1,6 +1,5 @@
 """Record of a check, correction of a log or a robot, and the IMU in base_link."""
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
@@ -9,7 +8,7 @@ import numpy as np
 from msgspec import structs
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.base.frames import matrix_to_rpy, relative
+from icreckon.estimator.base.frames import relative
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries, Truth
@@ -17,7 +16,6 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.wheels import STRAIGHT as LARGEST_TURNING
 from icreckon.replay.inspection.wheels import wheel_estimates
-from icreckon.replay.mapping.columns import TrackKeys
 from icreckon.replay.mapping.topics import topic_map
 
 SIGMAS = 3.0  # standard errors from which a difference is significant
@@ -104,17 +102,6 @@ def has_track_rates(robot: Robot) -> bool:
     return topic_map(robot).in_rates if robot.log else True
 
 
-def from_twist(robot: Robot) -> bool:
-    """True if the track speeds of a robot's logs are computed from speed and yaw rate."""
-    tracks = mapped_tracks(robot)
-    return tracks is not None and not tracks.left
-
-
-def mapped_tracks(robot: Robot) -> TrackKeys | None:
-    """Map of the track speeds of a robot's logs; None if there is none."""
-    return topic_map(robot).track_keys
-
-
 def mapped_table(robot: Robot, stream: str) -> str:
     """Table of a robot file that maps a stream, as "log.tracks"."""
     only_columns = "columns" in robot.log and stream not in robot.log
@@ -133,16 +120,6 @@ def with_speeds(change: Callable[[Floats], Floats]) -> Correction:
         replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, change(log.tracks.speeds))),
         robot,
     )
-
-
-def rounded_angles(rotation: Floats) -> tuple[float, ...]:
-    """Roll, pitch and yaw of a rotation (3, 3), to the tenth [deg], without -0.0."""
-    return tuple(round(math.degrees(angle), 1) + 0.0 for angle in matrix_to_rpy(rotation))
-
-
-def angles_text(values: tuple[float, float, float]) -> str:
-    """Text of three angles [deg]."""
-    return f"{', '.join(f'{value:g}' for value in values)} deg"
 
 
 def effective_track(robot: Robot) -> float:

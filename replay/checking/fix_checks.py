@@ -52,8 +52,7 @@ def check_antenna(log: Log, robot: Robot) -> Iterator[Check]:
 
 def _latency(log: Log, robot: Robot, found: FixFit) -> Check:
     """Contradiction of the latency of the fixes."""
-    mapping, fixes = topic_map(robot), log.fixes
-    mapped = mapping.fixes or (mapping.columns.fixes if mapping.columns else None)
+    mapped, fixes = topic_map(robot).keys_of("fixes"), log.fixes
     stated = 0.0 if mapped is None else mapped.latency
     assert fixes is not None  # noqa: S101 - checked by the caller
     in_time = replace(fixes, stamps=fixes.stamps - round(found.lag / NANOSECOND))
@@ -75,8 +74,7 @@ def _metres(place: Floats) -> str:
 
 def check_heading(log: Log, robot: Robot) -> Iterator[Check]:
     """Offset of a heading from the direction of driving, by fixes or truth."""
-    mapping, found = topic_map(robot), heading_offset(log)
-    mapped = mapping.heading or (mapping.columns.heading if mapping.columns else None)
+    mapped, found = topic_map(robot).keys_of("heading"), heading_offset(log)
     if mapped is None:
         return
     name, in_file = "offset of the heading", f"{mapped.offset_deg:g} deg"

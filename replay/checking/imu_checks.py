@@ -7,20 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.frames import rpy_to_matrix
+from icreckon.estimator.base.frames import matrix_to_rpy, rpy_to_matrix
 from icreckon.estimator.log.failed_sensors import imu_span
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import LEAST_UPRIGHT, Robot
-from icreckon.replay.checking.check import (
-    FORWARD,
-    MOUNTING,
-    Check,
-    Measured,
-    angles_text,
-    in_base,
-    rounded_angles,
-    with_imu,
-)
+from icreckon.replay.checking.check import FORWARD, MOUNTING, Check, Measured, in_base, with_imu
 from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.gyro_bias import gyro_bias
 from icreckon.replay.inspection.robot_file import STANDING_BIAS_SIGMA
@@ -122,7 +113,7 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
         return
     up = up / np.linalg.norm(up)
     tilt = math.degrees(math.acos(min(1.0, max(-1.0, float(up[2])))))
-    in_file = angles_text(robot.imu.rotation_rpy_deg)
+    in_file = _angles_text(robot.imu.rotation_rpy_deg)
     in_log = f"{tilt:.1f} deg off the file, by gravity"
     check = Check(MOUNTING, in_file, in_log, measured=Measured(tilt, "deg", 0.0))
     # The mean force also holds the centripetal force, of the IMU's lever arm and of driving bends.
@@ -138,7 +129,7 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
     rotation = _turn_upright(up) @ robot.imu_rotation
     if mounting is not None:
         rotation = rpy_to_matrix(*np.radians(mounting.rotation_rpy_deg))
-    angles = rounded_angles(rotation)
+    angles = _rounded_angles(rotation)
     roll, pitch, _ = np.radians(angles)
     is_upright = abs(np.cos(roll) * np.cos(pitch)) >= LEAST_UPRIGHT
     can_correct = robot.imu.gyro_axes == "xyz" or is_upright
@@ -149,6 +140,16 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
         with_imu(rotation_rpy_deg=angles) if can_correct else None,
         {"imu.rotation_rpy_deg": list(angles)},
     )
+
+
+def _rounded_angles(rotation: Floats) -> tuple[float, ...]:
+    """Roll, pitch and yaw of a rotation (3, 3), to the tenth [deg], without -0.0."""
+    return tuple(round(math.degrees(angle), 1) + 0.0 for angle in matrix_to_rpy(rotation))
+
+
+def _angles_text(values: tuple[float, float, float]) -> str:
+    """Text of three angles [deg]."""
+    return f"{', '.join(f'{value:g}' for value in values)} deg"
 
 
 def _turn_upright(up: Floats) -> Floats:
@@ -171,7 +172,7 @@ def check_forward(log: Log, robot: Robot) -> Iterator[Check]:
         return
     horizontal = np.nan_to_num(force[:, :2])
     yaw = imu_mounting.forward_yaw(log.tracks, log.imu.stamps, horizontal, vertical)
-    in_file = angles_text(robot.imu.rotation_rpy_deg)
+    in_file = _angles_text(robot.imu.rotation_rpy_deg)
     if yaw is None:
         yield Check(FORWARD, in_file, "not seen: accelerations fit no multiple of 90 deg clearly")
         return
@@ -180,7 +181,7 @@ def check_forward(log: Log, robot: Robot) -> Iterator[Check]:
     check = Check(FORWARD, in_file, in_log, measured=measured)
     if yaw != 0.0:
         about_z = rpy_to_matrix(0.0, 0.0, math.radians(yaw))
-        angles = rounded_angles(about_z @ robot.imu_rotation)
+        angles = _rounded_angles(about_z @ robot.imu_rotation)
         check = check.contradicted(
             f"the IMU is mounted {yaw:+.0f} deg about the vertical from what the file says, by its "
             "accelerations",

@@ -25,6 +25,7 @@ from icreckon.replay.checking.track_checks import is_other_track
 from icreckon.replay.inspection.filled_in import has_stand_in_gauge
 from icreckon.replay.inspection.imu_mounting import are_usable
 from icreckon.replay.inspection.latency import truth_lag, without_lag
+from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
 
 ROS_FIRST_WORDS = "# Settings for ROS"
@@ -161,7 +162,7 @@ def _forward_errors(log: Log, robot: Robot) -> Floats:
 def _controller_lines(logs: Sequence[Log], robot: Robot, source: str, proposed: bool) -> list[str]:
     """Parameters of the controller, and the latency of its speeds."""
     errors, radius_difference = twist_errors(logs, robot), robot.tracks.difference
-    tracks = check.mapped_tracks(robot)
+    tracks = topic_map(robot).track_keys
     scale = 1.0 if tracks is None or check.has_track_rates(robot) else tracks.scale
     # Variances of v_x, v_y, v_z and the rates about x, y, z.
     variances = [errors.forward**2, *[UNMEASURED] * 4, errors.turning**2]
@@ -223,7 +224,7 @@ def _separation(logs: Sequence[Log], robot: Robot, source: str) -> list[str]:
         if is_other_track(mean / multiplier):
             comment = f"{evidence}, which contradicts {multiplier:.4g} {source}"
             multiplier = mean
-    if (tracks := check.mapped_tracks(robot)) and not (tracks.left or tracks.gauge):
+    if (tracks := topic_map(robot).track_keys) and not (tracks.left or tracks.gauge):
         comment += "; times that of the controller which made this odometry"
     return [
         f"    wheel_separation: {_number(gauge)}  # m, between the centrelines",
@@ -238,7 +239,7 @@ def _proposed_separation(logs: Sequence[Log], robot: Robot) -> list[str]:
     if not measured:
         return [f"    # wheel_separation and its multiplier: {_unknown(logs)}."]
     first = measured[0]
-    if check.from_twist(robot):
+    if topic_map(robot).from_twist:
         which = "this log" if len(logs) == 1 else "these logs"
         return [
             "    # wheel_separation_multiplier: that of the controller which made this odometry, times "

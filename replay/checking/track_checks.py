@@ -31,26 +31,19 @@ from icreckon.replay.checking.check import (
     Measured,
     Settings,
     effective_track,
-    from_twist,
     has_track_rates,
     in_base,
     mapped_table,
-    mapped_tracks,
     measured_scale,
     measured_track,
     true_motion,
     with_speeds,
 )
 from icreckon.replay.inspection import imu_mounting
-from icreckon.replay.inspection.latency import (
-    clock_fit,
-    clock_keys,
-    objection,
-    track_latency,
-    without_lag,
-)
+from icreckon.replay.inspection.latency import clock_fit, objection, track_latency, without_lag
 from icreckon.replay.inspection.wheels import DEGREES, jackknifed, turning_suspicion
 from icreckon.replay.mapping.columns import TrackColumns
+from icreckon.replay.mapping.topics import topic_map
 
 # Error of a scale that counts in any case, in straight windows and in bends [-]: ground and slip change
 # the distance by as much.
@@ -188,7 +181,7 @@ def _clear_turning(
         by_imu = yaw is not None and abs(yaw) == 180.0
     if turns_alike and not is_backward:
         return check
-    if from_twist(robot):
+    if topic_map(robot).from_twist:
         are_wrong = {"forward speed": is_backward, "yaw rate": not turns_alike}
         wrong = [name for name, is_wrong in are_wrong.items() if is_wrong]
         order = slice(None, None, -1 if turns_alike == bool(is_backward) else 1)
@@ -221,14 +214,13 @@ def _clear_turning(
 
 def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate: Floats) -> Check:
     """Check of tracks without a clear correlation: clock, gauge, or a side?"""
-    tracks = mapped_tracks(robot)
+    tracks, table = topic_map(robot).track_keys, mapped_table(robot, "tracks")
     fit = clock_fit(log.tracks, imu, rate)
     if fit is not None and fit.is_apart:
-        table = mapped_table(robot, "tracks")
         moved = fit.undone(log.tracks)
         remedy, settings = f'time = "recording" in [{table}]', Settings()
         if isinstance(tracks, TrackColumns):
-            keys = clock_keys(tracks, fit)
+            keys = fit.keys(tracks)
             settings = {f"{table}.{key}": value for key, value in keys.items()}
             remedy = f"{', '.join(f'{key} = {value}' for key, value in keys.items())} in [{table}]"
         return check.contradicted(
@@ -239,7 +231,6 @@ def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate:
         )
     if tracks is not None and not tracks.left:
         suspicion = turning_suspicion(log, rate, tracks.gauge or robot.vehicle.track_gauge)
-        table = mapped_table(robot, "tracks")
         remedy = f"gauge in [{table}], which is that of its controller, or its yaw rate"
         return check.contradicted(suspicion[0], remedy) if suspicion else check
     # V_r - V_l of the mirrored speeds is -(V_r + V_l): the turning if one side counts backward.
@@ -249,7 +240,6 @@ def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate:
     if correlation is None or abs(correlation) < imu_mounting.CLEAR_TURNING:
         return check
     side, signs = ("right", signs) if correlation > 0.0 else ("left", -signs)
-    table = mapped_table(robot, "tracks")
     return check.contradicted(
         f"the {side} side counts backward: the robot turns as the sum of both sides",
         f'a minus before the names of {side} in [{table}], as "-motor"',
@@ -291,7 +281,7 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
     if not isinstance(lag, Lag):
         yield Check(LATENCY, "", f"not seen: {lag.reason}")
         return
-    tracks = mapped_tracks(robot)
+    tracks = topic_map(robot).track_keys
     # `read_log` has subtracted the latency of the file from the stamps.
     stated = 0.0 if tracks is None else tracks.latency
     latency = stated + lag.seconds
@@ -329,7 +319,7 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
         in_log += " (too few straight stretches to tell its error)"
     # Rates are corrected by the radius, speeds by their scale.
     table, name, stated = "vehicle", "sprocket_radius", robot.vehicle.sprocket_radius
-    tracks = mapped_tracks(robot)
+    tracks = topic_map(robot).track_keys
     if tracks is not None and not has_track_rates(robot):
         table, name, stated = mapped_table(robot, "tracks"), "scale", tracks.scale
     value = float(f"{ratio * stated:.4g}")
@@ -369,7 +359,7 @@ def _measured_scale(log: Log, imu: ImuSeries, robot: Robot) -> tuple[Estimate | 
 
 def _guess(ratio: float, robot: Robot) -> str:
     """Question whether a usual error explains a scale, true over assumed; else empty."""
-    radius, tracks = robot.vehicle.sprocket_radius, mapped_tracks(robot)
+    radius, tracks = robot.vehicle.sprocket_radius, topic_map(robot).track_keys
     if has_track_rates(robot):
         by_radius = (1.0 / radius, "are they m/s, read as rates in rad/s?")
     else:

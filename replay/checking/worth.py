@@ -14,7 +14,6 @@ from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.checking.check import LATENCY, Check, corrected
 from icreckon.replay.comparison.compare import compare
-from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.live.manoeuvres import missing_manoeuvres
 
 VARIANT = "inertia-online"
@@ -120,6 +119,5 @@ def mean_drift(logs: Sequence[Log], robot: Robot, variant: str, horizon: float) 
 def _run(log: Log, robot: Robot, variant: str = VARIANT) -> tuple[Run, PoseSeries | None]:
     """Run of a filter, and the truth aligned to it, if there is one."""
     comparison = compare(log, robot, (variant,))
-    has_truth = comparison.log.truth is not None
-    truth = truths_of(comparison)[variant].truth.poses if has_truth else None
-    return comparison.runs[variant], truth
+    aligned = comparison.truths.get(variant)
+    return comparison.runs[variant], None if aligned is None else aligned.truth.poses

@@ -17,13 +17,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.scores import SEGMENT_STEP, Drift
+from icreckon.replay.comparison.holes import nearest_rows
 
 REPLICATES = 2000
 SEED = 1
@@ -57,12 +58,6 @@ class PairedDrift:
     def blocks(self) -> float:
         """Number of blocks in the segments."""
         return len(self.distances) / self.block
-
-    def only(self, names: Sequence[str]) -> Self:
-        """Keep only the variants among these names, in the present order."""
-        kept = [name for name in self.names if name in names]
-        rows = self.errors[[self.names.index(name) for name in kept]]
-        return replace(self, names=tuple(kept), errors=rows)
 
     def percent(self, name: str) -> Estimate:
         """Mean error over mean distance [%]; NaN without a segment."""
@@ -138,11 +133,12 @@ def _block_length(drift: Drift, rows: NDArray[np.int64]) -> int:
     return max(1, math.ceil(block))
 
 
-def pooled_drift(logs: Sequence[PairedDrift]) -> PairedDrift:
-    """Join the drifts of several logs, for the variants that all of them have."""
+def pooled_drift(logs: Sequence[PairedDrift], among: Sequence[str] | None = None) -> PairedDrift:
+    """Join the drifts of several logs, for the variants `among` some that all have."""
     if not logs:
         raise ValueError("there is no log to pool")
-    names = tuple(name for name in logs[0].names if all(name in log.names for log in logs))
+    wanted = logs[0].names if among is None else [name for name in logs[0].names if name in among]
+    names = tuple(name for name in wanted if all(name in log.names for log in logs))
     errors = [log.errors[[log.names.index(name) for name in names]] for log in logs]
     return PairedDrift(
         names,
@@ -173,11 +169,7 @@ def matched_drifts(first: Drift, other: Drift, *, later: float = 0.0) -> tuple[D
         return _select(first, nothing, nothing), _select(other, nothing, nothing)
     starts = first.starts
     other_starts = other.starts - round(later / NANOSECOND)  # by the stamps of the first
-    # The nearest of `other_starts`, which are sorted, is that before or after.
-    after = np.minimum(np.searchsorted(other_starts, starts), len(other_starts) - 1)
-    before = np.maximum(after - 1, 0)
-    is_before_nearer = abs(other_starts[before] - starts) <= abs(other_starts[after] - starts)
-    nearest = np.where(is_before_nearer, before, after)
+    nearest = nearest_rows(other_starts, starts)
     is_same = abs(other_starts[nearest] - starts) < 0.5 * SEGMENT_STEP / NANOSECOND
     stamps = starts[is_same]
     return _select(first, np.flatnonzero(is_same), stamps), _select(other, nearest[is_same], stamps)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import zip_longest
 from typing import TypeVar
 
@@ -14,7 +14,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
-from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.log.scores import drift, interpolate_poses
 from icreckon.estimator.log.series import require_part
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot, require_robot
@@ -26,6 +26,8 @@ from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.run import run
 from icreckon.estimator.streaming.smoother import smooth as smooth_run
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.start import EXACT_ORIGIN, Start
+from icreckon.replay.comparison.drift_table import Drifts, horizon_labels
 from icreckon.replay.comparison.fixes import (
     OF_FIXES,
     LogPart,
@@ -50,7 +52,6 @@ Progress = Callable[[float], None]
 # Run of a variant, with the smoothed one if requested; instead of a run, the failure.
 Outcome = tuple[Run | LostFilter, ...]
 Result = TypeVar("Result")
-Place = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,31 @@ class Comparison:
     alignment: TruthAlignment | None
     failed: dict[str, LostFilter] = field(default_factory=dict)
     known_bias: KnownBias | None = None
+
+    @cached_property
+    def truths(self) -> dict[str, TruthAlignment]:
+        """Truth for each run, by name; a logged one with the run's own lever arm."""
+        if self.log.truth is None:
+            return {}
+        if self.alignment is None:
+            return dict.fromkeys(self.runs, TruthAlignment(0.0, (0.0, 0.0), self.log.truth))
+        alignment, runs = self.alignment, self.runs.items()
+        return {name: own_alignment(alignment, run.trajectory) for name, run in runs}
+
+    @cached_property
+    def drifts(self) -> Drifts:
+        """Drift of all runs against the truth, by horizon and name; empty without a truth."""
+        if self.log.truth is None:
+            return {}
+        scored = scored_intervals(self.log)
+        pairs = {name: (self.runs[name].trajectory, self.truths[name].truth) for name in self.runs}
+        return {
+            label: {
+                name: drift(path.pose_series, truth.poses, horizon, unit=unit, within=scored)
+                for name, (path, truth) in pairs.items()
+            }
+            for label, (horizon, unit) in horizon_labels().items()
+        }
 
 
 def compare(
@@ -127,16 +153,16 @@ def compare(
         alignment = replace(alignment, truth=log.truth)
     if fixes is not None:
         log = with_fixes_within(log, fixes)
-    start, sigma = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    start = EXACT_ORIGIN
     if log.truth is not None and log.truth.source != OF_FIXES:
-        start, sigma = start_from_truth(log, log.truth, reckoned)
+        start = start_from_truth(log, log.truth, reckoned)
         if alignment is not None:
-            x, y, yaw = map(math.hypot, sigma, alignment.start_sigma)
-            sigma = x, y, yaw
+            x, y, yaw = map(math.hypot, start.sigma, alignment.start_sigma)
+            start = start._replace(sigma=(x, y, yaw))
     elif log.fixes is not None:
         begin = partial(start_from_fixes, log, robot, settings=settings)
-        start, sigma = _first_successful(variants, begin)
-    task = _Task(log, robot, settings, start, sigma, smooth)
+        start = _first_successful(variants, begin)
+    task = _Task(log, robot, settings, start, smooth)
     outcomes = _outcomes(task, variants, workers, progress or (lambda _: None))
     # All filtered runs precede the smoothed ones.
     results = [result for kind in zip_longest(*outcomes) for result in kind if result is not None]
@@ -246,8 +272,7 @@ class _Task:
     log: Log
     robot: Robot
     settings: Settings | None
-    start: Place = (0.0, 0.0, 0.0)
-    start_sigma: Place = (0.0, 0.0, 0.0)
+    start: Start = EXACT_ORIGIN
     smooth: bool = False
 
     def run(self, variant: str, progress: Progress) -> Outcome:
@@ -260,8 +285,8 @@ class _Task:
                 self.robot,
                 variant,
                 settings=self.settings,
-                start=self.start,
-                start_sigma=self.start_sigma,
+                start=self.start.pose,
+                start_sigma=self.start.sigma,
                 progress=lambda stamp: progress((stamp - begin) / length),
             )
         except LostFilter as lost:

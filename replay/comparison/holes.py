@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Indexes, Stamps
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import Interval, interpolate_poses
 from icreckon.estimator.log.series import Truth
@@ -61,3 +61,11 @@ def are_bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
     is_between = (before <= wanted) & (wanted <= after) & (after - before <= longest)
     is_near = np.minimum(abs(wanted - before), abs(wanted - after)) <= longest // 2
     return np.asarray(is_between | is_near)
+
+
+def nearest_rows(known: Stamps, wanted: Stamps) -> Indexes:
+    """Row (n,) of the known stamp nearest to each wanted one, the earlier of two."""
+    after = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
+    before = np.maximum(after - 1, 0)
+    is_before_nearer = abs(known[before] - wanted) <= abs(known[after] - wanted)
+    return np.where(is_before_nearer, before, after)

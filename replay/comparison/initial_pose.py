@@ -16,14 +16,12 @@ from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import FixWander, Settings, wander_of
 from icreckon.estimator.streaming.run import run
-from icreckon.replay.base.start import ANY_HEADING, CLEAR, SOON, Start, align_path
+from icreckon.replay.base.start import ANY_HEADING, CLEAR, EXACT_ORIGIN, SOON, Start, align_path
 
 BEGINNING = 20.0  # least track distance over which fixes and dead reckoning are compared [m]
 SIGMAS = 20.0  # least length of that distance in standard deviations of a fix [-]
 TURN_SIGMA = 0.5  # standard deviation of the yaw rate before the first heading [rad/s]
 LATE_TRUTH = 1.0  # time after the start of a log from which on its truth begins late [s]
-
-EXACT_ORIGIN = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def lateness(log: Log, truth: Truth) -> float:
@@ -106,8 +104,8 @@ def _start_by_path(
     # The wander is common to all fixes: the mean over them does not reduce it.
     fix_sigma = math.hypot(white_sigma, math.sqrt(len(measured)) * wander.sigma)
     start = align_path(reckoned, measured, fix_sigma)
-    if start is None or not wander.sigma:
-        return start
+    if start is None:
+        return None
     # An error of the yaw moves the start by its distance from the fixes.
     distance = float(np.hypot(*reckoned.mean(axis=0)))
     position_sigma = wander.at_start(white_sigma) + start.yaw_sigma * distance

@@ -21,13 +21,7 @@ from icreckon.replay.comparison.bootstrap import PairedDrift
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, Comparison, compare
 from icreckon.replay.comparison.drift_table import Drifts
 from icreckon.replay.comparison.fixes import LogPart
-from icreckon.replay.comparison.results import (
-    FORMAT,
-    Results,
-    comparison_drifts,
-    summarise,
-    versions,
-)
+from icreckon.replay.comparison.results import FORMAT, Results, summarise, versions
 from icreckon.replay.reading.read_log import read_log
 
 NEXT_PART = 5.0  # longest time between the end and the start of parts of one recording [s]
@@ -49,7 +43,7 @@ class CaseScores:
 
     case: Case  # labels of both
     results: Results  # output of `summarise`, without the series
-    drifts: Drifts  # drift of all variants, see `comparison_drifts`; empty without a truth
+    drifts: Drifts  # drift of all variants, see `Comparison.drifts`; empty without a truth
     lag: float  # lag of the truth that was removed [s]
 
 
@@ -99,11 +93,8 @@ def compare_many(
             try:
                 log = given if isinstance(given, Log) else read_log(given, robot)
                 comparison = compare(log, robot, variants, **options)
-                drifts = comparison_drifts(comparison)
-                summary = summarise(
-                    comparison, robot, command="compare_many", drifts=drifts, series=False
-                )
-                scored.append(case_scores(case, comparison, summary, drifts))
+                summary = summarise(comparison, robot, command="compare_many", series=False)
+                scored.append(case_scores(case, comparison, summary))
             except Exception as problem:
                 failed.append(failed_case(case, problem))
                 continue
@@ -132,12 +123,12 @@ def unique(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
     return numbered
 
 
-def case_scores(case: Case, comparison: Comparison, summary: Results, drifts: Drifts) -> CaseScores:
+def case_scores(case: Case, comparison: Comparison, summary: Results) -> CaseScores:
     """Keep the scores of a comparison that the summary of several logs needs."""
     alignment = comparison.alignment
     lag = 0.0 if alignment is None or alignment.lag is None else alignment.lag
     without_series = {key: value for key, value in summary.items() if key != "series"}
-    return CaseScores(case, without_series, drifts, lag)
+    return CaseScores(case, without_series, comparison.drifts, lag)
 
 
 def failed_case(case: Case, problem: Exception) -> Results:
@@ -214,9 +205,6 @@ def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:
             yield f"{later} begins {place}: {advice}"
 
 
-# --- scores of all logs together --------------------------------------------------------------------
-
-
 def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
     """Scores of a robot file over all logs with a truth, and the verdict."""
     # A log without a stretch of dead reckoning has nothing to pool.
@@ -274,7 +262,7 @@ def _pooled_verdict(
 def _joined(logs: Sequence[LogDrifts], names: Sequence[str]) -> dict[str, PairedDrift]:
     """Drift of some variants in all logs, by the label of the horizon."""
     return {
-        label: bootstrap.pooled_drift([log[label].only(names) for log in logs])
+        label: bootstrap.pooled_drift([log[label] for log in logs], names)
         for label in drift_table.horizon_labels()
     }
 
@@ -295,16 +283,14 @@ def _nees(scored: Sequence[CaseScores], name: str) -> Results:
 
 def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
     """Ratio of drift with each robot file to that with the first, same segments."""
-    by_case = {scores.case: scores for scores in scored if scores.drifts}
-    logs = dict.fromkeys(case.log for case in by_case)
+    by_log: dict[str, dict[str, CaseScores]] = {robot: {} for robot in robots}
+    for scores in scored:
+        if scores.drifts:
+            by_log[scores.case.robot][scores.case.log] = scores
     first_robot, *other_robots = robots
-    by_robot: Results = {}
+    first, by_robot = by_log[first_robot], Results()
     for robot in other_robots:
-        pairs = [
-            (by_case[Case(log, first_robot)], by_case[Case(log, robot)])
-            for log in logs
-            if Case(log, first_robot) in by_case and Case(log, robot) in by_case
-        ]
+        pairs = [(first[log], other) for log, other in by_log[robot].items() if log in first]
         names = dict.fromkeys(name for _, other in pairs for name in other.results["variants"])
         ratios = {name: _ratio(pairs, name) for name in names}
         common = {name: ratio for name, ratio in ratios.items() if ratio}
@@ -324,11 +310,10 @@ def _ratio(logs: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
             first_drifts, other_drifts = first.drifts[label], other.drifts[label]
             if name in first_drifts and name in other_drifts:
                 # A larger lag moves the stamps of the truth further back.
-                later = first.lag - other.lag
-                matched = first_drifts[name], other_drifts[name]
-                matched = bootstrap.matched_drifts(*matched, later=later)
-                named = dict(zip(("first", "other"), matched, strict=True))
-                pairs.append(bootstrap.paired_drift(named))
+                matched = bootstrap.matched_drifts(
+                    first_drifts[name], other_drifts[name], later=first.lag - other.lag
+                )
+                pairs.append(bootstrap.paired_drift({"first": matched[0], "other": matched[1]}))
         if not pairs:
             return {}
         joined = bootstrap.pooled_drift(pairs)

@@ -18,8 +18,7 @@ from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import Results
-from icreckon.replay.comparison.holes import are_bridged, largest_sigma, true_poses_at
-from icreckon.replay.comparison.scores import truths_of
+from icreckon.replay.comparison.holes import are_bridged, largest_sigma, nearest_rows, true_poses_at
 
 # Rows of the series: one each `SERIES_STEP` [s], within these limits. With all nine
 # variants, 1500 rows make a page of 2.6 MB, 4000 rows one of 5.7 MB.
@@ -44,8 +43,8 @@ def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
     first_run = next(iter(comparison.runs.values()))
     most = series_points((log.end - log.start) * NANOSECOND)
     stamps = first_run.stamps[picks(len(first_run.stamps), most)]
-    truths = {} if log.truth is None else truths_of(comparison)
-    shown, path = truths.get(headline), first_run.trajectory.pose_series
+    truths, path = comparison.truths, first_run.trajectory.pose_series
+    shown = truths.get(headline)
     series: Results = {"t_s": rounded((stamps - log.start) * NANOSECOND), "variants": {}}
     series["inputs"] = _inputs(log, robot, stamps)
     if log.truth is not None and shown is not None:
@@ -75,7 +74,8 @@ def _true_columns(logged: Truth, shown: Truth, stamps: Stamps) -> Results:
         spatial = interpolate(shown.poses.stamps, shown.poses.spatial, stamps)
         columns |= _columns(SPATIAL, spatial)
     if logged.twists is not None:
-        columns |= _columns(TWIST, _nearest(logged.twists.stamps, logged.twists.twists, stamps))
+        rows = nearest_rows(logged.twists.stamps, stamps)
+        columns |= _columns(TWIST, logged.twists.twists[rows])
     return columns | _true_indices(logged, stamps)
 
 
@@ -123,7 +123,7 @@ def _measured(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
     """Values (n,) of `known` stamps, nearest to the `wanted` ones; NaN in a hole."""
     if len(known) < 2:
         return np.full(len(wanted), math.nan)
-    return np.where(are_bridged(known, wanted), _nearest(known, values, wanted), math.nan)
+    return np.where(are_bridged(known, wanted), values[nearest_rows(known, wanted)], math.nan)
 
 
 def _at_point(poses: Floats, point: Floats) -> Floats:
@@ -192,8 +192,8 @@ def _true_indices(truth: Truth, stamps: Stamps) -> Results:
     """Indices of the true motion by (1) to (3), (17) to (19); None if it hardly turns."""
     if truth.twists is None or truth.tracks is None:
         return {}
-    v_x, v_y, w = _nearest(truth.twists.stamps, truth.twists.twists, stamps).T
-    V_l, V_r = _nearest(truth.tracks.stamps, truth.tracks.speeds, stamps).T
+    v_x, v_y, w = truth.twists.twists[nearest_rows(truth.twists.stamps, stamps)].T
+    V_l, V_r = truth.tracks.speeds[nearest_rows(truth.tracks.stamps, stamps)].T
     with np.errstate(divide="ignore", invalid="ignore"):
         icrs = icrs_from_twist(V_l, V_r, PaperTwist(-v_y, v_x, w))
     turning = np.abs(w) >= LEAST_YAW_RATE
@@ -201,13 +201,6 @@ def _true_indices(truth: Truth, stamps: Stamps) -> Results:
     # With a gauge of 1 m, eta is the distance of the ICRs.
     indices = np.column_stack(indices_from_icrs(known_icrs, 1.0))
     return _columns(("zeta_m", "epsilon_m", "icr_distance_m"), indices)
-
-
-def _nearest(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
-    """Values (n, ...) at the known stamp that is nearest to each wanted one."""
-    after = np.clip(np.searchsorted(known, wanted), 1, len(known) - 1)
-    closest = np.where(known[after] - wanted < wanted - known[after - 1], after, after - 1)
-    return np.asarray(values[closest])
 
 
 def _columns(names: Sequence[str], values: Floats, decimals: int | None = None) -> Results:

@@ -20,17 +20,16 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.plain_data import json_types, package_versions
 from icreckon.estimator.filter.fault_table import CORRELATED
 from icreckon.estimator.filter.health import Health
-from icreckon.estimator.log.scores import Interval, drift, path_length
+from icreckon.estimator.log.scores import Interval, path_length
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison import drift_table
 from icreckon.replay.comparison.compare import Comparison
-from icreckon.replay.comparison.drift_table import Drifts
 from icreckon.replay.comparison.fixes import scored_intervals
 from icreckon.replay.comparison.holes import holes_of
 from icreckon.replay.comparison.plot_series import series_of
-from icreckon.replay.comparison.scores import differences, noise_drifts, scores, truths_of
+from icreckon.replay.comparison.scores import differences, noise_drifts, scores
 from icreckon.replay.comparison.truth_alignment import far_fixes_note
 
 FORMAT = 1
@@ -50,7 +49,6 @@ def summarise(
     configuration: dict[str, Any] | None = None,
     seed: int | None = None,
     inputs: dict[str, Path] | None = None,
-    drifts: Drifts | None = None,
     series: bool = True,
 ) -> Results:
     """Summarise scores, series and provenance of a comparison for `write_results`.
@@ -62,7 +60,6 @@ def summarise(
         configuration: options of the command.
         seed: seed of a simulated log.
         inputs: bags that were read, by their displayed names, for their hashes.
-        drifts: output of `comparison_drifts`, if it is at hand.
         series: whether to include the time series of the plots.
     """
     log = comparison.log
@@ -75,14 +72,12 @@ def summarise(
     lever_arm = (0.0, 0.0)
     variants = {}
     if log.truth is not None:
-        truths = truths_of(comparison)
-        drifts = comparison_drifts(comparison) if drifts is None else drifts
-        paired = drift_table.paired_drifts(drifts)
+        paired = drift_table.paired_drifts(comparison.drifts)
         verdict = drift_table.verdict(paired, baseline)
         headline = reference if verdict is None else verdict["best"]
-        lever_arm = truths[headline].lever_arm
-        for name, run in comparison.runs.items():
-            variants[name] = scores(run, truths[name], scored, holes)
+        lever_arm = comparison.truths[headline].lever_arm
+        for name in comparison.runs:
+            variants[name] = scores(comparison, name, holes)
             variants[name] |= drift_table.drift_scores(paired, name, baseline)
     else:
         for name, run in comparison.runs.items():
@@ -116,21 +111,6 @@ def summarise(
     }
     cleaned: Results = json_types(results)
     return cleaned
-
-
-def comparison_drifts(comparison: Comparison) -> Drifts:
-    """Drift of all runs against the truth, by horizon and name; empty without a truth."""
-    if comparison.log.truth is None:
-        return {}
-    truths, scored = truths_of(comparison), scored_intervals(comparison.log)
-    paths = {name: run.trajectory.pose_series for name, run in comparison.runs.items()}
-    return {
-        label: {
-            name: drift(path, truths[name].truth.poses, horizon, unit=unit, within=scored)
-            for name, path in paths.items()
-        }
-        for label, (horizon, unit) in drift_table.horizon_labels().items()
-    }
 
 
 def write_results(path: Path, results: Results) -> None:

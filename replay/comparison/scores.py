@@ -27,42 +27,21 @@ from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import Results, horizon_labels
 from icreckon.replay.comparison.fixes import OF_FIXES, scored_intervals
 from icreckon.replay.comparison.holes import before_holes, largest_sigma
-from icreckon.replay.comparison.truth_alignment import TruthAlignment, own_alignment
 from icreckon.replay.comparison.truth_level import spatial_scores
 
 NOISE_ROUNDS = 4  # draws of the noise of a truth, of which the mean is taken
 
 
-def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:
-    """Truth for each run, by name; a logged one with the run's own lever arm.
-
-    Raises:
-        ValueError: the log has no truth.
-    """
-    return {name: truth_of(comparison, name) for name in comparison.runs}
-
-
-def truth_of(comparison: Comparison, name: str) -> TruthAlignment:
-    """Truth for a run, as of `truths_of`."""
-    truth, alignment = comparison.log.truth, comparison.alignment
-    if truth is None:
-        raise ValueError("there is no truth to score against")
-    if alignment is None:
-        return TruthAlignment(0.0, (0.0, 0.0), truth)
-    return own_alignment(alignment, comparison.runs[name].trajectory)
-
-
-def scores(
-    run: Run, aligned: TruthAlignment, scored: list[Interval], holes: Sequence[Interval] = ()
-) -> Results:
+def scores(comparison: Comparison, name: str, holes: Sequence[Interval]) -> Results:
     """Score a run against the truth; intervals of drift are in `drift_table`.
 
-    `scored` are intervals of stamps [ns]; NEES is computed before the first hole in each.
+    NEES is computed before the first of the holes in each interval that is scored.
     """
-    truth, estimate = aligned.truth, run.trajectory
+    run, aligned = comparison.runs[name], comparison.truths[name]
+    truth, estimate, scored = aligned.truth, run.trajectory, scored_intervals(comparison.log)
     results: Results = {"lever_arm_m": list(aligned.lever_arm)}
     for horizon in HORIZONS:
-        segments = drift(estimate.pose_series, truth.poses, horizon, within=scored)
+        segments = comparison.drifts[f"{horizon:g}s"][name]
         results[f"drift_percent_{horizon:.0f}s_median"] = segments.percent_median
         if horizon == 30.0:
             results["yaw_drift_deg_per_m"] = segments.yaw_deg_per_m if truth.headings else math.nan
@@ -70,8 +49,8 @@ def scores(
     has_axes = truth.headings or truth.twists is not None
     errors = velocity_errors(estimate, truth) if has_axes else np.zeros((0, 3))
     rmse = np.sqrt(np.mean(errors**2, axis=0)) if len(errors) else np.full(3, np.nan)
-    for name, value in zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), rmse.tolist(), strict=True):
-        results[f"rmse_{name}"] = value
+    for component, value in zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), rmse.tolist(), strict=True):
+        results[f"rmse_{component}"] = value
     within = before_holes(scored, holes)
     nees = pose_nees(estimate, truth.poses, within=within, position_only=not truth.headings)
     results["nees_pose_mean"] = math.nan

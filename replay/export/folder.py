@@ -13,7 +13,6 @@ from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.base.outputs import new_file
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.results import Results
-from icreckon.replay.comparison.scores import truth_of
 from icreckon.replay.export.formats import DEFAULT_FORMATS
 from icreckon.replay.export.geojson import write_geojson
 from icreckon.replay.export.replay_bag import write_replay_bag
@@ -41,7 +40,7 @@ def write_exports(
     """
     truth, start = comparison.log.truth, comparison.log.start
     if verdict is not None:
-        truth = truth_of(comparison, verdict["best"]).truth
+        truth = comparison.truths[verdict["best"]].truth
         comparison = replace(comparison, log=replace(comparison.log, truth=truth))
     paths = {name: run.trajectory.pose_series for name, run in comparison.runs.items()}
     if truth is not None:

@@ -17,20 +17,15 @@ from icreckon.replay.bags.messages import (
     IMU_LINK,
     ODOM,
     UNUSED_VARIANCE,
-    Messages,
     planar_covariance,
+    planar_twist,
 )
 from icreckon.replay.bags.writer import MARK, Outbox, bag_path, write_bag
 from icreckon.replay.bags.writer import Format as Format
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import check_replaceable
-from icreckon.replay.mapping.topics import (
-    MAPPING_TOPIC,
-    TopicMap,
-    TrackTopic,
-    topic_map,
-    writable_topics,
-)
+from icreckon.replay.mapping.columns import TrackKeys
+from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap, topic_map, writable_topics
 from icreckon.replay.reading.stream import ABSENT
 
 
@@ -68,12 +63,8 @@ def write_log(
     outboxes = _log_outboxes(log, topics, robot.vehicle.sprocket_radius)
     if topics != robot_topics:
         # `read_log` reads the bag by the mapping of the streams that the log has.
-        used = TopicMap(
-            topics.tracks,
-            topics.imu if log.imu is not None else None,
-            topics.fixes if log.fixes is not None else None,
-            topics.truth if log.truth is not None else None,
-        )
+        names = [name for name in ("imu", "fixes", "truth") if getattr(log, name) is not None]
+        used = TopicMap(topics.tracks, **{name: getattr(topics, name) for name in names})
         text = msgspec.json.encode(used).decode()
         outboxes.append(_text_message(MAPPING_TOPIC, np.array([log.start]), text))
     return write_bag(Path(path), format, outboxes, overwrite=overwrite)
@@ -126,29 +117,22 @@ def _log_outboxes(log: Log, topics: TopicMap, radius: float) -> list[Outbox]:
 
 def _text_message(topic: str, stamps: Stamps, text: str) -> Outbox:
     """Text as a latched std_msgs/String at each of some stamps (here one) [ns]."""
-
-    def make(messages: Messages, _: int) -> Any:
-        return messages.new(ros.STRING, data=text)
-
-    return Outbox(topic, ros.STRING, stamps, make, latched=True)
+    return Outbox(topic, ros.STRING, stamps, lambda _: {"data": text}, latched=True)
 
 
 def _joint_states(
-    topic: str, tracks: series.TrackSpeedSeries, mapped: TrackTopic, sprocket_radius: float
+    topic: str, tracks: series.TrackSpeedSeries, mapped: TrackKeys, sprocket_radius: float
 ) -> Outbox:
     """Track speeds as sensor_msgs/JointState, one rate for all joints of a side."""
     names = list(mapped.names)
     columns = [0] * len(mapped.left) + [1] * len(mapped.right)
-    nothing = np.empty(0)
 
-    def make(messages: Messages, stamp: int, rates: Floats) -> Any:
-        header = messages.header(stamp, "")
-        fields = {"name": names, "position": nothing, "velocity": rates, "effort": nothing}
-        return messages.new(ros.JOINT_STATE, header=header, **fields)
+    def fields(stamp: int, rates: Floats) -> dict[str, Any]:
+        return {"header": (stamp, ""), "name": names, "velocity": rates}
 
     # rosbags serialises contiguous rows only.
     rates = np.ascontiguousarray((tracks.speeds / sprocket_radius)[:, columns])
-    return Outbox(topic, ros.JOINT_STATE, tracks.stamps, make, (rates,))
+    return Outbox(topic, ros.JOINT_STATE, tracks.stamps, fields, (rates,))
 
 
 def _imu_messages(topic: str, imu: series.ImuSeries) -> Outbox:
@@ -157,20 +141,19 @@ def _imu_messages(topic: str, imu: series.ImuSeries) -> Outbox:
     absent[0] = ABSENT
     forces = imu.linear_acceleration
 
-    def make(messages: Messages, stamp: int, rates: Floats, force: Any = (0.0, 0.0, 0.0)) -> Any:
-        return messages.new(
-            ros.IMU,
-            header=messages.header(stamp, IMU_LINK),
-            orientation=messages.quaternion((0.0, 0.0, 0.0, 1.0)),
-            orientation_covariance=absent,
-            angular_velocity=messages.vector(rates),
-            angular_velocity_covariance=unknown,
-            linear_acceleration=messages.vector(force),
-            linear_acceleration_covariance=absent if forces is None else unknown,
-        )
+    def fields(stamp: int, rates: Floats, force: Any = (0.0, 0.0, 0.0)) -> dict[str, Any]:
+        return {
+            "header": (stamp, IMU_LINK),
+            "orientation": (0.0, 0.0, 0.0, 1.0),
+            "orientation_covariance": absent,
+            "angular_velocity": rates,
+            "angular_velocity_covariance": unknown,
+            "linear_acceleration": force,
+            "linear_acceleration_covariance": absent if forces is None else unknown,
+        }
 
     columns = (imu.angular_velocity,) if forces is None else (imu.angular_velocity, forces)
-    return Outbox(topic, ros.IMU, imu.stamps, make, columns)
+    return Outbox(topic, ros.IMU, imu.stamps, fields, columns)
 
 
 def fix_messages(topic: str, fixes: series.FixSeries) -> Outbox:
@@ -179,33 +162,29 @@ def fix_messages(topic: str, fixes: series.FixSeries) -> Outbox:
     quaternions = yaw_to_quaternion(np.where(no_heading, 0.0, fixes.poses[:, 2]))
     yaw_variances = np.where(no_heading, UNUSED_VARIANCE, fixes.variances[:, 1])
 
-    def make(messages: Messages, stamp: int, xy: Any, quaternion: Any, *variances: float) -> Any:
+    def fields(stamp: int, xy: Floats, quaternion: Floats, *variances: float) -> dict[str, Any]:
         position_variance, yaw_variance = variances
         covariance = np.diag([position_variance, position_variance, yaw_variance])
-        pose = messages.pose_with_covariance((*xy, 0.0), quaternion, planar_covariance(covariance))
-        return messages.new(
-            ros.POSE_WITH_COVARIANCE, header=messages.header(stamp, ODOM), pose=pose
-        )
+        pose = (*xy, 0.0), quaternion
+        return {"header": (stamp, ODOM), "pose": (pose, planar_covariance(covariance))}
 
     columns = fixes.poses[:, :2], quaternions, fixes.variances[:, 0], yaw_variances
-    return Outbox(topic, ros.POSE_WITH_COVARIANCE, fixes.stamps, make, columns)
+    return Outbox(topic, ros.POSE_WITH_COVARIANCE, fixes.stamps, fields, columns)
 
 
 def pose_messages(topic: str, poses: series.PoseSeries) -> Outbox:
     """Poses as geometry_msgs/PoseStamped in odom."""
 
-    def make(messages: Messages, stamp: int, position: Any, quaternion: Any) -> Any:
-        pose = messages.pose(position, quaternion)
-        return messages.new(ros.POSE, header=messages.header(stamp, ODOM), pose=pose)
+    def fields(stamp: int, *pose: Floats) -> dict[str, Any]:
+        return {"header": (stamp, ODOM), "pose": pose}
 
-    return Outbox(topic, ros.POSE, poses.stamps, make, (poses.positions, poses.quaternions))
+    return Outbox(topic, ros.POSE, poses.stamps, fields, (poses.positions, poses.quaternions))
 
 
 def _twist_messages(topic: str, twists: series.TwistSeries) -> Outbox:
     """Body velocities as geometry_msgs/TwistStamped in base_link."""
 
-    def make(messages: Messages, stamp: int, twist: Floats) -> Any:
-        header = messages.header(stamp, BASE_LINK)
-        return messages.new(ros.TWIST, header=header, twist=messages.twist(twist))
+    def fields(stamp: int, twist: Floats) -> dict[str, Any]:
+        return {"header": (stamp, BASE_LINK), "twist": planar_twist(twist)}
 
-    return Outbox(topic, ros.TWIST, twists.stamps, make, (twists.twists,))
+    return Outbox(topic, ros.TWIST, twists.stamps, fields, (twists.twists,))

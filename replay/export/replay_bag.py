@@ -23,8 +23,8 @@ from icreckon.replay.bags.messages import (
     ICR_MARKERS,
     ODOM,
     UNUSED_VARIANCE,
-    Messages,
     planar_covariance,
+    planar_twist,
 )
 from icreckon.replay.bags.writer import Format, Outbox, write_bag
 from icreckon.replay.base.colours import colour_of
@@ -88,51 +88,45 @@ def _odometry_messages(topic: str, trajectory: Trajectory, frame: str) -> Outbox
     """nav_msgs/Odometry: poses of a frame in odom, its twists in that frame."""
     series, sigmas = trajectory.pose_series, trajectory.spatial_sigmas
 
-    def make(messages: Messages, stamp: int, *row: Floats) -> Any:
+    def fields(stamp: int, *row: Floats) -> dict[str, Any]:
         position, quaternion, covariance, twist, twist_covariance, *spatial_variances = row
         pose_covariance = planar_covariance(covariance)
         if spatial_variances:
             (pose_covariance[SPATIAL_VARIANCES],) = spatial_variances
-        return messages.new(
-            ros.ODOMETRY,
-            header=messages.header(stamp, ODOM),
-            child_frame_id=frame,
-            pose=messages.pose_with_covariance(position, quaternion, pose_covariance),
-            twist=messages.twist_with_covariance(twist, planar_covariance(twist_covariance)),
-        )
+        return {
+            "header": (stamp, ODOM),
+            "child_frame_id": frame,
+            "pose": ((position, quaternion), pose_covariance),
+            "twist": (planar_twist(twist), planar_covariance(twist_covariance)),
+        }
 
     columns: tuple[Floats, ...] = series.positions, series.quaternions, trajectory.pose_covariances
     columns += trajectory.twists, trajectory.twist_covariances
     # Only runs in three dimensions estimate z, roll and pitch.
     if sigmas is not None and sigmas.any():
         columns += (sigmas.astype(float) ** 2,)
-    return Outbox(topic, ros.ODOMETRY, trajectory.stamps, make, columns)
+    return Outbox(topic, ros.ODOMETRY, trajectory.stamps, fields, columns)
 
 
 def _transforms(series: PoseSeries, frame: str) -> Outbox:
     """Transforms of a frame in odom on /tf, at most `TF_RATE` a second."""
     series = series.rows(thinned(series.stamps, TF_RATE))
 
-    def make(messages: Messages, stamp: int, position: Floats, quaternion: Floats) -> Any:
-        place, turn = messages.vector(position), messages.quaternion(quaternion)
-        pose = messages.new("geometry_msgs/msg/Transform", translation=place, rotation=turn)
-        fields = {"header": messages.header(stamp, ODOM), "child_frame_id": frame}
-        transform = messages.new(ros.TRANSFORM, **fields, transform=pose)
-        return messages.new(ros.TF, transforms=[transform])
+    def fields(stamp: int, *pose: Floats) -> dict[str, Any]:
+        return {"transforms": [((stamp, ODOM), frame, pose)]}
 
-    return Outbox(TF_TOPIC, ros.TF, series.stamps, make, (series.positions, series.quaternions))
+    return Outbox(TF_TOPIC, ros.TF, series.stamps, fields, (series.positions, series.quaternions))
 
 
 def _path_message(topic: str, series: PoseSeries) -> Outbox:
     """Path of at most `PATH_POSES` poses, as one latched message with the first stamp."""
     poses = pose_messages(topic, series.rows(picks(len(series.stamps), PATH_POSES)))
 
-    def make(messages: Messages, stamp: int) -> Any:
+    def fields(stamp: int) -> dict[str, Any]:
         rows = zip(poses.stamps, *poses.columns, strict=True)
-        stamped = [poses.make(messages, *row) for row in rows]
-        return messages.new(ros.PATH, header=messages.header(stamp, ODOM), poses=stamped)
+        return {"header": (stamp, ODOM), "poses": [poses.fields(*row) for row in rows]}
 
-    return Outbox(topic, ros.PATH, poses.stamps[:1], make, latched=True)
+    return Outbox(topic, ros.PATH, poses.stamps[:1], fields, latched=True)
 
 
 def _icr_markers(
@@ -147,25 +141,24 @@ def _icr_markers(
     # At the height of the frame's origin.
     left, right = (np.column_stack([*point, np.zeros(len(rows))]) for point in icrs)
 
-    def make(messages: Messages, stamp: int, left: Floats, right: Floats) -> Any:
+    def fields(stamp: int, left: Floats, right: Floats) -> dict[str, Any]:
         markers = [
-            messages.blank(
-                ros.MARKER,
-                header=messages.header(stamp, frame),
-                ns="icrs",
-                id=number,
-                type=kind,
-                pose=messages.pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
-                scale=messages.vector((size, size, size)),
-                color=messages.new("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
-                frame_locked=True,
-                points=[messages.point(left), messages.point(right)],
-            )
+            {
+                "header": (stamp, frame),
+                "ns": "icrs",
+                "id": number,
+                "type": kind,
+                "pose": ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
+                "scale": (size, size, size),
+                "color": (red, green, blue, 1.0),
+                "frame_locked": True,
+                "points": [left, right],
+            }
             for number, (kind, size) in enumerate(ICR_MARKERS)
         ]
-        return messages.new(ros.MARKERS, markers=markers)
+        return {"markers": markers}
 
-    return Outbox(topic, ros.MARKERS, stamps, make, (left, right))
+    return Outbox(topic, ros.MARKERS, stamps, fields, (left, right))
 
 
 def _globe_messages(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> Outbox:
@@ -183,20 +176,19 @@ def _globe_messages(topic: str, trajectory: Trajectory, origin: Origin, frame: s
         altitudes += trajectory.spatial[rows, 0]
         covariances[:, 2, 2] = trajectory.spatial_sigmas[rows, 0] ** 2
 
-    def make(messages: Messages, stamp: int, *place: Any) -> Any:
+    def fields(stamp: int, *place: Any) -> dict[str, Any]:
         latitude, longitude, altitude, covariance = place
-        return messages.blank(
-            ros.NAVSATFIX,
-            header=messages.header(stamp, frame),
-            latitude=latitude,
-            longitude=longitude,
-            altitude=altitude,
-            position_covariance=covariance.ravel(),
-            position_covariance_type=COVARIANCE_KNOWN,
-        )
+        return {
+            "header": (stamp, frame),
+            "latitude": latitude,
+            "longitude": longitude,
+            "altitude": altitude,
+            "position_covariance": covariance.ravel(),
+            "position_covariance_type": COVARIANCE_KNOWN,
+        }
 
     columns = latitude, longitude, altitudes, covariances
-    return Outbox(topic, ros.NAVSATFIX, stamps, make, columns)
+    return Outbox(topic, ros.NAVSATFIX, stamps, fields, columns)
 
 
 def thinned(stamps: Stamps, rate: float) -> Any:

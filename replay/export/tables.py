@@ -23,7 +23,6 @@ from icreckon.replay.base.units import column_name
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.fixes import OF_FIXES
 from icreckon.replay.comparison.holes import true_poses_at
-from icreckon.replay.comparison.scores import truths_of
 
 Format = Literal["csv", "parquet"]
 
@@ -141,7 +140,7 @@ def columns_of(comparison: Comparison, robot: Robot, variant: str) -> dict[str, 
 def _truth_columns(comparison: Comparison, variant: str, run: Run) -> dict[str, NDArray[Any]]:
     """Truth, aligned with the run, and errors at its rows; NaN in holes of the truth."""
     # The NEES is NaN where the covariance is singular, and against fixes, whose errors it lacks.
-    truth = truths_of(comparison)[variant].truth
+    truth = comparison.truths[variant].truth
     poses = true_poses_at(truth, run.stamps)
     poses[:, 2] = wrap_angle(poses[:, 2])
     errors = run.trajectory.poses - poses

@@ -196,14 +196,12 @@ def fit_fixes(log: Log, vertical: Floats | None) -> FixFit | None:
 
 
 class _WindowFit(NamedTuple):
-    """Fit of one window, and the weights of place, scale and lag."""
+    """Fit of one window."""
 
-    place: complex  # [m]
-    scale: float
-    lag: float  # [s]
+    values: Floats  # (3,) place of the antenna [m], scale [-] and lag [s], as complex numbers
+    weights: Floats  # (3,) of these
     bias: float  # error of the gyro's bias [rad/s]
     scatter: float  # [m]
-    weights: tuple[float, float, float]
 
 
 def _fit_window(window: _Window, with_lag: bool) -> _WindowFit:
@@ -218,33 +216,25 @@ def _fit_window(window: _Window, with_lag: bool) -> _WindowFit:
     scatter = max(float(np.sqrt(np.mean(np.abs(residual) ** 2))), 1e-6)
     weights = (scatter * np.linalg.norm(inverse, axis=1)) ** -2.0
     # The angle of the path's factor is the heading of odometry.
-    place = complex(by_heading * np.exp(-1j * np.angle(by_path)))
-    lag = -float((factors[4] / by_path).real) if with_lag else 0.0
-    of_lag = float(weights[4]) * abs(by_path) ** 2 if with_lag else 1.0
+    place = by_heading * np.exp(-1j * np.angle(by_path))
+    lag = -(factors[4] / by_path).real if with_lag else 0.0
+    of_lag = weights[4] * abs(by_path) ** 2 if with_lag else 1.0
+    values, of_values = (place, abs(by_path), lag), (weights[3], weights[1], of_lag)
     bias = float((by_bias / by_path).real)
-    of_others = float(weights[3]), float(weights[1])
-    return _WindowFit(place, abs(by_path), lag, bias, scatter, (*of_others, of_lag))
+    return _WindowFit(np.array(values), np.array(of_values), bias, scatter)
 
 
 def _mean_fit(found: list[_WindowFit]) -> FixFit:
     """Means over windows, and standard errors by their spread: odometry errs more."""
     weights = np.array([one.weights for one in found])
-    values = np.array([(one.place, one.scale, one.lag) for one in found])
+    values = np.array([one.values for one in found])
     means = (weights * values).sum(axis=0) / weights.sum(axis=0)
     spread = np.sqrt((weights**2 * np.abs(values - means) ** 2).sum(axis=0)) / weights.sum(axis=0)
     spread *= np.sqrt(len(found) / (len(found) - 1.0))
-    place, scale, lag = means
     scatter = float(np.median([one.scatter for one in found]))
+    place, (_, scale, lag) = np.array([means[0].real, means[0].imag]), means.real.tolist()
     of_place, of_scale, of_lag = spread.tolist()
-    return FixFit(
-        np.array([place.real, place.imag]),
-        of_place / math.sqrt(2.0),
-        scatter,
-        float(scale.real),
-        of_scale,
-        float(lag.real),
-        of_lag,
-    )
+    return FixFit(place, of_place / math.sqrt(2.0), scatter, scale, of_scale, lag, of_lag)
 
 
 def _cut_windows(log: Log, stamps: Stamps, vertical: Floats, length: float) -> list[_Window]:

@@ -92,13 +92,21 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         tracks = tracks or own_tracks
         if tracks and tracks.yaw_rate in measured:
             measured.remove(tracks.yaw_rate)  # it is no gyro
-        # The last name of an axis counts: those of the first table come last.
-        of_imu[time] = [*_with_gravity(_with_file(measured, table), table), *of_imu.get(time, [])]
-        fixes = fixes or _fixes(measured, time)
+        # Bare axes have the name of the file before them, as in "Gyroscope.x". The last name of an axis
+        # counts: those of the first table come last.
+        stem, axes = table.path.stem, {*"xyz"}
+        full = [f"{stem}.{name}" if name in axes else name for name in measured]
+        of_imu[time] = [*_with_gravity(full, table), *of_imu.get(time, [])]
+        # On the globe: x and y could be odometry instead.
+        if fixes is None and (keys := fix_keys(measured)):
+            fixes = PoseColumns(**keys, **time._asdict())
         truth = truth or _truth(true_names, time)
-    imus = (_imu(names, time) for time, names in of_imu.items())
-    imu = next((found for found in imus if found is not None), None)
-    return None if main is None else ColumnMap(*main, tracks, imu, fixes, truth)
+    imus = (
+        ImuColumns(**keys, **time._asdict())
+        for time, names in of_imu.items()
+        if (keys := imu_keys(names))
+    )
+    return None if main is None else ColumnMap(*main, tracks, next(imus, None), fixes, truth)
 
 
 def _with_gravity(names: Sequence[str], table: Table) -> list[str]:
@@ -109,11 +117,6 @@ def _with_gravity(names: Sequence[str], table: Table) -> list[str]:
     if not len(rows) or np.linalg.norm(rows.mean(axis=0)) > NO_GRAVITY:
         return [*names]
     return [name for name in names if name not in forces]
-
-
-def _with_file(names: Sequence[str], table: Table) -> list[str]:
-    """Names, of which bare axes have that of the file before them: "Gyroscope.x"."""
-    return [f"{table.path.stem}.{name}" if name in {*"xyz"} else name for name in names]
 
 
 def time_column_of(table: Table, known: str) -> str | None:
@@ -169,18 +172,6 @@ def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | N
         counts = table.numbers((*left, *right))
         keys["wrap"] = counter_range(counts)[0] if len(left) == 1 else None
     return TrackColumns(left=left, right=right, **time._asdict(), **keys)
-
-
-def _imu(names: Sequence[str], time: _Time) -> ImuColumns | None:
-    """Guess the columns of an IMU."""
-    keys = imu_keys(names)
-    return None if keys is None else ImuColumns(**keys, **time._asdict())
-
-
-def _fixes(names: Sequence[str], time: _Time) -> PoseColumns | None:
-    """Guess the columns of fixes on the globe; x and y could be odometry instead."""
-    keys = fix_keys(names)
-    return None if keys is None else PoseColumns(**keys, **time._asdict())
 
 
 def _truth(names: Sequence[str], time: _Time) -> PoseColumns | None:

@@ -1,7 +1,7 @@
 """Guess of the topic map of an unknown bag, by types and names."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -246,8 +246,8 @@ def is_command(topic: str) -> bool:
 
 def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     """Guess the track speeds: joints, two topics, fields, or else an odometry."""
-    for topic, survey in surveys.items():
-        if survey.channel.msgtype != ros.JOINT_STATE or is_command(topic):
+    for topic, survey in _of_types(surveys, ros.JOINT_STATE).items():
+        if is_command(topic):
             continue
         units: dict[str, TrackUnit] = {"velocity": "rad/s", "position": "rad"}
         for values, unit in units.items():
@@ -266,11 +266,7 @@ def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     by_fields, sides_of_fields = _wheel_fields(surveys) or (None, None)
     if sides_of_fields is not None and sides_of_fields.are_named:
         return by_fields
-    candidates = [
-        topic
-        for topic, survey in surveys.items()
-        if survey.channel.msgtype in ros.OF_A_BODY and not is_command(topic)
-    ]
+    candidates = [one for one in _of_types(surveys, *ros.OF_A_BODY) if not is_command(one)]
 
     def likelihood(topic: str) -> tuple[bool, bool]:
         words = (*DRIVE_WORDS, "controller", "odom")
@@ -285,17 +281,12 @@ def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
 def _topic_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     """Guess topics of both sides with a number each, as of many encoder boards."""
     for kind, wrap in NUMBERS.items():
-        candidates = [
-            topic
-            for topic, survey in surveys.items()
-            if survey.channel.msgtype == f"std_msgs/msg/{kind}" and may_be_a_side(survey)
-        ]
-        found = wheel_sides({topic: topic for topic in candidates})
+        numbers = _of_types(surveys, f"std_msgs/msg/{kind}")
+        found = wheel_sides({topic: topic for topic in numbers if may_be_a_side(numbers[topic])})
         if found is not None and found.are_named:
             pair = TrackTopic(found.left[0], found.right[0], left=("data",), right=("data",))
-            if "Int" in kind:
-                return replace(pair, unit="counts", counts_per_turn=ANY_COUNTS, wrap=wrap)
-            return replace(pair, **unit_of(pair.topic, unknown="rad/s"))
+            unit = unit_of("counts" if "Int" in kind else pair.topic, unknown="rad/s")
+            return replace(pair, **unit, wrap=wrap)
     return None
 
 
@@ -398,8 +389,8 @@ def _measures_forces(survey: Survey) -> bool:
 
 def _heading(surveys: Mapping[str, Survey]) -> HeadingTopic | None:
     """Guess an Imu topic with an orientation but no rates, as of two antennas."""
-    for topic, survey in surveys.items():
-        if survey.channel.msgtype != ros.IMU or _measures_rates(survey):
+    for topic, survey in _of_types(surveys, ros.IMU).items():
+        if _measures_rates(survey):
             continue
         samples = survey.messages
         oriented = [sample for sample in samples if sample.orientation_covariance[0] != ABSENT]
@@ -414,7 +405,7 @@ def _imu(surveys: Mapping[str, Survey]) -> ImuTopic | None:
 
     Without an Imu, fields of another type that are named like three rates, and forces.
     """
-    imus = {topic: one for topic, one in surveys.items() if one.channel.msgtype == ros.IMU}
+    imus = _of_types(surveys, ros.IMU)
     counts = {topic: len(one.recorded) for topic, one in imus.items() if _measures_rates(one)}
     if counts:
         topic = max(counts, key=lambda topic: counts[topic])
@@ -449,22 +440,21 @@ def _vectors(
     return None
 
 
-def other_wheels(surveys: Iterable[Survey], mapping: TopicMap) -> list[str]:
-    """Topics of wheels with a number each that a mapping does not use."""
+def unused_topics(surveys: Collection[Survey], mapping: TopicMap) -> Iterator[str]:
+    """Findings on wheels with a topic each, and positions, that a mapping lacks."""
     tracks = mapping.tracks
-    if tracks is None or tracks.right_topic is None:
-        return []
-    quantity, used = _quantity(tracks.topic), (tracks.topic, tracks.right_topic)
-    found = {survey.channel.topic for survey in surveys if may_be_a_side(survey)} - {*used}
-    return sorted(topic for topic in found if _quantity(topic) == quantity)
-
-
-def other_positions(surveys: Iterable[Survey], mapping: TopicMap) -> list[str]:
-    """Topics of measured positions that a mapping does not use."""
+    if tracks is not None and tracks.right_topic is not None:
+        sides_of_log = {survey.channel.topic for survey in surveys if may_be_a_side(survey)}
+        others = sides_of_log - {tracks.topic, tracks.right_topic}
+        quantity = _quantity(tracks.topic)
+        if wheels := sorted(topic for topic in others if _quantity(topic) == quantity):
+            yield f"tracks: a topic of each side is read; not used: {', '.join(wheels)}"
     used = {stream.topic for stream in (mapping.fixes, mapping.truth) if stream is not None}
     kinds = (ros.POSE, ros.POSE_WITH_COVARIANCE, ros.NAVSATFIX)
     found = {survey.channel.topic for survey in surveys if survey.channel.msgtype in kinds}
-    return sorted(topic for topic in found - used if not is_command(topic))
+    if positions := sorted(topic for topic in found - used if not is_command(topic)):
+        text = f"positions not used: {', '.join(positions)}"
+        yield f"{text}; a topic of [log.fixes] or [log.truth]?"
 
 
 def _fixes(surveys: Mapping[str, Survey]) -> FixTopic | None:
@@ -501,8 +491,9 @@ def _truth(surveys: Mapping[str, Survey], tracks: TrackTopic | None) -> TruthTop
 
 def _first_topic(surveys: Mapping[str, Survey], *types: str) -> str | None:
     """First topic of the first of these message types that there is, or None."""
-    for msgtype in types:
-        for topic, survey in surveys.items():
-            if survey.channel.msgtype == msgtype:
-                return topic
-    return None
+    return next((topic for msgtype in types for topic in _of_types(surveys, msgtype)), None)
+
+
+def _of_types(surveys: Mapping[str, Survey], *types: str) -> dict[str, Survey]:
+    """Topics with messages of these types."""
+    return {topic: one for topic, one in surveys.items() if one.channel.msgtype in types}

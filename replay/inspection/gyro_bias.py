@@ -5,18 +5,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.lag_search import BLOCKS
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
-from icreckon.estimator.log.scores import even_grid
+from icreckon.estimator.log.scores import are_within, even_grid, pieces
 from icreckon.estimator.log.series import running_integral
-from icreckon.replay.inspection.imu_mounting import (
-    CLEAR_TURNING,
-    ENOUGH_STILL,
-    are_usable,
-    standstill,
-)
+from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.wheels import jackknifed
 
 WINDOW = 5.0  # time over which the turning by gyro and by truth or tracks is compared [s]
@@ -48,9 +43,9 @@ def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBia
     """
     if log.imu is None or len(log.imu.stamps) < 2:
         return None
-    is_still = standstill(log.tracks, log.imu.stamps)
+    is_still = imu_mounting.standstill(log.tracks, log.imu.stamps)
     seconds = float(is_still.sum()) * float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
-    if seconds >= ENOUGH_STILL:
+    if seconds >= imu_mounting.ENOUGH_STILL:
         sigma = noise_density / float(np.sqrt(seconds))
         return GyroBias(float(vertical[is_still].mean()), sigma, "standstill")
     return bias_while_driving(log, vertical)
@@ -63,7 +58,7 @@ def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
     reference. Arguments and result are those of `gyro_bias`.
     """
     tracks, imu = log.tracks, log.imu
-    if imu is None or not are_usable(tracks):
+    if imu is None or not imu_mounting.are_usable(tracks):
         return None
     if log.truth is not None and log.truth.headings and heading_fault(log.truth) is None:
         source, stamps = "truth", log.truth.poses.stamps
@@ -77,15 +72,18 @@ def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
     edges = even_grid(max(stamps[0], imu.stamps[0]), min(stamps[-1], imu.stamps[-1]), step, stamps)
     if len(edges) < 2 * BLOCKS:
         return None
-    is_whole = (np.diff(edges) == step) & ~_with_gap(edges, stamps) & ~_with_gap(edges, imu.stamps)
+    is_whole = np.diff(edges) == step
+    for times in (stamps, imu.stamps):
+        is_whole &= are_within(pieces(times, LARGEST_HOLE), times, edges[:-1], edges[1:])
     if is_whole.sum() < 2 * BLOCKS:
         return None
     turned = np.interp(edges, imu.stamps, running_integral(imu.stamps, vertical))
     turning = np.diff(turned)[is_whole]
     changes = [np.diff(np.interp(edges, stamps, column))[is_whole] for column in references]
-    turning_change, *_ = changes
-    if source == "tracks" and abs(np.corrcoef(turning_change, turning)[0, 1]) < CLEAR_TURNING:
-        return None
+    if source == "tracks":
+        correlation = np.corrcoef(changes[0], turning)[0, 1]
+        if abs(correlation) < imu_mounting.CLEAR_TURNING:
+            return None
     design = np.column_stack([np.full(len(turning), WINDOW), *changes])
 
     def fitted_bias(rows: NDArray[np.int_]) -> float:
@@ -94,12 +92,3 @@ def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
 
     bias, sigma = jackknifed(fitted_bias, len(design))
     return GyroBias(bias, sigma, source) if sigma < UNSEEN_BIAS_SIGMA else None
-
-
-def _with_gap(edges: Stamps, stamps: Stamps) -> NDArray[np.bool_]:
-    """Mask (n - 1,) of the windows between edges (n,) in which samples have a gap."""
-    has_gap = np.zeros(len(edges) - 1, dtype=bool)
-    gaps = np.flatnonzero(np.diff(stamps) * NANOSECOND > LARGEST_HOLE)
-    for begin, end in zip(stamps[gaps], stamps[gaps + 1], strict=True):
-        has_gap |= (edges[1:] > begin) & (edges[:-1] < end)
-    return has_gap

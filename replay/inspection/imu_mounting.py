@@ -14,6 +14,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.replay.reading.stamps import true_runs
 
 STILL_SPEED = 0.005  # track speeds below this share of the fastest, spikes aside, count as zero [-]
 STILL_MARGIN = 0.5  # time after a stop and before a start that does not count as standstill [s]
@@ -73,9 +74,7 @@ def estimate_mounting(log: Log) -> Mounting | None:
     if forces is not None and shown_by == "gravity":
         horizontal = forces @ levelling[:2].T
         yaw = forward_yaw(log.tracks, imu.stamps, horizontal, vertical)
-        accelerometer_noise = _density_while_driving(
-            log.tracks, imu.stamps, horizontal, vertical, is_still, step
-        )
+        accelerometer_noise = _density_while_driving(log, horizontal, vertical, is_still, step)
     still_seconds = float(is_still.sum()) * step
     has_stood = still_seconds >= ENOUGH_STILL
     return Mounting(
@@ -173,12 +172,6 @@ def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[n
     return result
 
 
-def true_runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """First and last rows (k, 2) of the runs of a mask (n,) in which it is set."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))).reshape(-1, 2)
-    return ends - (0, 1)
-
-
 def turning_correlation(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> float | None:
     """Correlation of V_r - V_l with the vertical rate; None if one is constant."""
     # `vertical` (n,) is the rate of the IMU about the vertical [rad/s].
@@ -196,12 +189,7 @@ def _turning(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:
 
 
 def _density_while_driving(
-    tracks: TrackSpeedSeries,
-    stamps: NDArray[np.int64],
-    horizontal: Floats,
-    vertical: Floats,
-    is_still: NDArray[np.bool_],
-    step: float,
+    log: Log, horizontal: Floats, vertical: Floats, is_still: NDArray[np.bool_], step: float
 ) -> float | None:
     """Noise density of horizontal specific forces beyond the change of speed and v w.
 
@@ -210,19 +198,19 @@ def _density_while_driving(
     IMU's samples [s]; the other arguments are as for `forward_yaw`.
     """
     driving = ~is_still
-    if driving.sum() <= 10:
+    if log.imu is None or driving.sum() <= 10:
         return None
     fast = max(density(axis, driving, step) for axis in horizontal.T)
     width = max(1, round(SMOOTHING / step))
-    count = (len(stamps) - 1) // width
-    if count < 20 or not are_usable(tracks):
+    count = (len(driving) - 1) // width
+    if count < 20 or not are_usable(log.tracks):
         return fast
 
     def means(values: Floats) -> Floats:
         """Means (count,) of successive `width` samples."""
         return np.asarray(values[: count * width].reshape(count, width).mean(axis=1))
 
-    speed = np.interp(stamps, tracks.stamps, tracks.speeds.mean(axis=1))
+    speed = np.interp(log.imu.stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
     change = np.diff(speed[: count * width + 1 : width]) / (width * step)
     design = np.column_stack([change, means(speed * vertical), np.ones(count)])
     moving = means(driving.astype(float)) > 0.5

@@ -35,12 +35,7 @@ from icreckon.replay.inspection import imu_mounting, robot_file, static_frames, 
 from icreckon.replay.inspection import track_by_rate as by_rate
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander, fit_fixes
 from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of
-from icreckon.replay.inspection.guess_topics import (
-    guess_topics,
-    may_be_a_side,
-    other_positions,
-    other_wheels,
-)
+from icreckon.replay.inspection.guess_topics import guess_topics, may_be_a_side, unused_topics
 from icreckon.replay.inspection.gyro_bias import LEAST_BY_TRACKS, SURE, gyro_bias
 from icreckon.replay.inspection.latency import (
     heading_lag,
@@ -136,11 +131,7 @@ def inspect(
     for table in tables:
         reports += _column_reports(table, mapping.columns)
     findings += [] if mapping.track_keys else [_missing_tracks(surveys.values())]
-    if unused := other_wheels(surveys.values(), mapping):
-        findings.append(f"tracks: a topic of each side is read; not used: {', '.join(unused)}")
-    if others := other_positions(surveys.values(), mapping):
-        text = f"positions not used: {', '.join(others)}"
-        findings.append(f"{text}; a topic of [log.fixes] or [log.truth]?")
+    findings += unused_topics(surveys.values(), mapping)
     errors = _error_findings(estimates)
     return Inspection(
         path=first,
@@ -182,8 +173,7 @@ def _topic_reports(
         if len(rows) > 1:
             repeated[mapping.imu.topic] = float((rows[1:] == rows[:-1]).all(axis=1).mean())
     topics = {survey.channel.topic: survey for survey in surveys}
-    reports = {topic: survey.report(repeated.get(topic)) for topic, survey in topics.items()}
-    return [reports[topic] for topic in sorted(reports)]
+    return [topics[topic].report(repeated.get(topic)) for topic in sorted(topics)]
 
 
 def _estimates(
@@ -219,8 +209,9 @@ def _estimates(
             mapping, log, sizes.log, notes, partial(assembled, mapping, "tracks")
         )
         in_units = _with_keys(mapping, keys) if keys else mapping
-        # A table with one time has one clock.
-        if mapping.columns and (len(paths) > 1 or mapping.columns.has_times):
+        # A table has one clock, unless tracks or IMU have a time of their own.
+        columns = mapping.columns
+        if columns and (len(paths) > 1 or any(k and k.time for k in (columns.tracks, columns.imu))):
             in_units = on_one_clock(in_units, assembled)
         if in_units is not mapping:
             mapping = in_units
@@ -396,7 +387,7 @@ def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_s
     """Report each column; times and numbers with their spacing in time, if known."""
     spacings: dict[str, dict[str, Any]] = {}
     numeric = [column.name for column in table.columns if column.is_number]
-    if columns is not None and table.has([columns.time]):
+    if columns is not None and table.present([columns.time]):
         with suppress(ReplayError):  # no spacing is known if the times cannot be read
             stamps, has_time = table.stamps(columns.time, columns.time_unit)
             for name in numeric:
@@ -482,7 +473,7 @@ def _failed_sensors(log: Log, estimates: robot_file.LogEstimates) -> Iterator[st
     """Findings on sensors that fail in the log or a part of it."""
     yield from (f"tracks: {stuck.text}" for stuck in stuck_sides(log.tracks, None))
     rates, is_usable = estimates.vertical, imu_mounting.are_usable(log.tracks)
-    if log.imu is not None and rates is not None and is_usable and not estimates.from_twist:
+    if log.imu is not None and rates is not None and is_usable and not estimates.mapping.from_twist:
         found = unequal_sides(log.tracks, log.imu, rates)
         if found is not None:
             yield f"tracks: {found.text}: look at counts, gears and radius of both sides"
@@ -517,7 +508,7 @@ def unit_suspicions(estimates: robot_file.LogEstimates, log: Log) -> Iterator[st
         if fast > wheels.FAST_TURNING:
             yield f"the gyro reads {fast:.3g} and more for 1 % of the time; rad/s, or rather deg/s?"
         vertical = estimates.vertical
-        if estimates.from_twist and vertical is not None and len(log.tracks.stamps) > 1:
+        if estimates.mapping.from_twist and vertical is not None and len(log.tracks.stamps) > 1:
             yield from wheels.turning_suspicion(log, vertical)
     if len(log.tracks.speeds):
         fast = float(np.percentile(np.abs(log.tracks.speeds), 99))
@@ -537,7 +528,7 @@ def _track_finding(estimates: robot_file.LogEstimates) -> str:
     """Finding on the effective track by the gyro, as settings of a controller have it."""
     ratio, sigma = estimates.wheels.track_ratio, estimates.wheels.track_sigma
     error = "" if sigma is None else f" (± {sigma:.1g})"
-    if estimates.from_twist:
+    if estimates.mapping.from_twist:
         return (
             f"tracks: the odometry turns {ratio:.2f}{error} times as far as the gyro: multiply the "
             f"wheel_separation_multiplier of its controller by {ratio:.2f}"

@@ -106,6 +106,12 @@ class ClockFit(NamedTuple):
         ahead = self.offset / NANOSECOND + self.drift * (tracks.stamps - tracks.stamps[0])
         return replace(tracks, stamps=tracks.stamps - np.round(ahead).astype(np.int64))
 
+    def keys(self, tracks: TrackColumns) -> dict[str, float]:
+        """Keys of the tracks' columns for a log that was read with these."""
+        keys = {"clock_offset": round(tracks.clock_offset + self.offset, 2)}
+        drift = round(tracks.clock_drift + self.drift, 6)
+        return keys | ({"clock_drift": drift} if drift != tracks.clock_drift else {})
+
 
 def clock_fit(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> ClockFit | None:
     """Fit the clock of the tracks to that of the IMU, by yaw rates; None if not clear.
@@ -125,12 +131,9 @@ def clock_fit(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> Clo
     size, shift = shifts[drift]
     if not size:
         return None
-    fit = ClockFit(apart * NANOSECOND - shift, drift)
-    change = lag_change(fit.undone(tracks), imu, vertical)
-    if change is not None:
-        fit = ClockFit(fit.offset + change.first, drift + change.drift)
-        if abs(fit.drift) * change.span >= max(LEAST_CHANGE, CLEAR_CHANGE * change.sigma):
-            return fit
+    fit = _with_drift(ClockFit(apart * NANOSECOND - shift, drift), tracks, imu, vertical)
+    if fit is not None:
+        return fit
     size, shift = shifts[0.0]
     if not size:
         return None
@@ -139,30 +142,27 @@ def clock_fit(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> Clo
     return ClockFit(fit.offset + (rest.seconds if isinstance(rest, Lag) else 0.0), 0.0)
 
 
-class LagChange(NamedTuple):
-    """Lag of the tracks behind the gyro in both halves of a log."""
-
-    first: float  # at the first sample [s]
-    drift: float  # growth [s/s]
-    span: float  # time between the middles of both halves [s]
-    sigma: float  # standard error of the growth in that time [s]
-
-
-def lag_change(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> LagChange | None:
-    """Estimate the lag of track speeds in both halves; None if one does not show it."""
-    stamps = tracks.stamps
+def _with_drift(
+    fit: ClockFit, tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats
+) -> ClockFit | None:
+    """Fit, refined by the lags of both halves of a log; None without a clear drift."""
+    undone = fit.undone(tracks)
+    stamps = undone.stamps
     middle = int(stamps[0] + stamps[-1]) // 2
     halves = (
-        TrackSpeedSeries(stamps[part], tracks.speeds[part])
+        TrackSpeedSeries(stamps[part], undone.speeds[part])
         for part in (stamps < middle, stamps >= middle)
     )
     early, late = (track_latency(half, imu, vertical) for half in halves)
     if not (isinstance(early, Lag) and isinstance(late, Lag)):
         return None
+    # Time between the middles of both halves [s], and growth of the lag in it [s/s].
     span = 0.5 * float(stamps[-1] - stamps[0]) * NANOSECOND
-    drift = (late.seconds - early.seconds) / span
-    first = early.seconds - 0.5 * drift * span
-    return LagChange(first, drift, span, float(np.hypot(early.sigma, late.sigma)))
+    growth = (late.seconds - early.seconds) / span
+    refined = ClockFit(fit.offset + early.seconds - 0.5 * growth * span, fit.drift + growth)
+    sigma = float(np.hypot(early.sigma, late.sigma))
+    is_clear = abs(refined.drift) * span >= max(LEAST_CHANGE, CLEAR_CHANGE * sigma)
+    return refined if is_clear else None
 
 
 def _best_shift(by_tracks: Floats, by_gyro: Floats) -> tuple[float, float]:
@@ -216,13 +216,5 @@ def on_one_clock(mapping: TopicMap, read: Callable[[TopicMap, str], Log]) -> Top
     fit = clock_fit(tracks, of_imu.imu, vertical_rate(of_imu.imu, mounting))
     if fit is None or not fit.is_apart:
         return mapping
-    keys = clock_keys(columns.tracks, fit)
-    changed = structs.replace(columns.tracks, **keys)
+    changed = structs.replace(columns.tracks, **fit.keys(columns.tracks))
     return structs.replace(mapping, columns=structs.replace(columns, tracks=changed))
-
-
-def clock_keys(tracks: TrackColumns, fit: ClockFit) -> dict[str, float]:
-    """Keys of the tracks' columns for a fit to a log that was read with theirs."""
-    keys = {"clock_offset": round(tracks.clock_offset + fit.offset, 2)}
-    drift = round(tracks.clock_drift + fit.drift, 6)
-    return keys | ({"clock_drift": drift} if drift != tracks.clock_drift else {})

@@ -69,21 +69,15 @@ class LogEstimates:
     @property
     def states_fix_sigma(self) -> bool:
         """True if the fixes state their variances."""
-        columns = self.mapping.columns
-        fixes = self.mapping.fixes or (columns.fixes if columns else None)
+        fixes = self.mapping.keys_of("fixes")
         return fixes is not None and fixes.position_sigma is None
-
-    @property
-    def from_twist(self) -> bool:
-        """True for track speeds from a twist, which are read with a gauge of 1 m."""
-        return (keys := self.mapping.track_keys) is not None and not keys.left
 
     @property
     def effective_track(self) -> float | None:
         """Effective track by the gyro [m]; None without radius or gauge of a controller."""
         # True length of the gauge or radius that was read as 1 m.
         unit: float | None = 1.0
-        if self.from_twist:
+        if self.mapping.from_twist:
             unit = self.sizes.controller_gauge
         elif self.mapping.in_rates:
             unit = self.sizes.radius or self.wheels.distance_ratio
@@ -166,7 +160,7 @@ def _index_lines(estimates: LogEstimates) -> list[str]:
         eta0 = max(1.0, track / (estimates.sizes.gauge or track))
         remark = f"effective track by the gyro, {track:.3g} m, over track_gauge"
         line = f"eta0 = {eta0:.3g}    # {remark}"
-    elif ratio is not None and estimates.from_twist:
+    elif ratio is not None and estimates.mapping.from_twist:
         line = (
             f"eta0 = {max(1.0, ratio):.2f}    # effective track by the gyro: {ratio:.2f} times the "
             "controller's gauge ([log.tracks]), over track_gauge"
@@ -314,9 +308,8 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
         keys_of["tracks"] = _track_keys(mapping.tracks)
     if mapping.imu:
         rate, force = mapping.imu.rate_unit, mapping.imu.acceleration_unit
-        apart = mapping.imu.acceleration_topic
-        keys_of["imu"] = [f"acceleration_topic = {toml_value(apart)}"] if apart else []
-        keys_of["imu"] += _named(mapping.imu, ("angular_velocity", "linear_acceleration"))
+        names = ("acceleration_topic", "angular_velocity", "linear_acceleration")
+        keys_of["imu"] = _named(mapping.imu, names)
         keys_of["imu"] += [f"rate_unit = {toml_value(rate)}"] if rate != "rad/s" else []
         keys_of["imu"] += [f"acceleration_unit = {toml_value(force)}"] if force != "m/s2" else []
     if mapping.fixes:
@@ -325,8 +318,8 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
         errors = [f"position_sigma = {sigma}    {FILL_IN} (m)"]
         if sigma is None or wander:
             errors = wander
-        names = _named(mapping.fixes, ("latitude", "longitude", "altitude", "sigma"))
-        keys_of["fixes"] = [hint, *names, *errors]
+        fields = _named(mapping.fixes, ("latitude", "longitude", "altitude", "sigma"))
+        keys_of["fixes"] = [hint, *fields, *errors]
         if any(mapping.fixes.position):
             place = _metres(mapping.fixes.position)
             keys_of["fixes"].append(f"position = {place}    # m, of the antenna, by /{STATIC}")
@@ -334,9 +327,8 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
     if mapping.heading:
         keys_of["heading"] = _heading_keys(mapping.heading, estimates)
         keys_of["heading"] += _latency_lines(estimates.latencies.get("heading"))
-    if truth := mapping.truth:
-        topics = {name: getattr(truth, name) for name in ("twist", "tracks", "source_topic")}
-        keys_of["truth"] = [f"{key} = {toml_value(name)}" for key, name in topics.items() if name]
+    if mapping.truth:
+        keys_of["truth"] = _named(mapping.truth, ("twist", "tracks", "source_topic"))
     for purpose, keys in keys_of.items():
         topic = getattr(mapping, purpose).topic
         lines += ["", f"[log.{purpose}]", f"topic = {toml_value(topic)}", *keys]
@@ -348,7 +340,7 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
 
 
 def _named(topic: Any, keys: Sequence[str]) -> list[str]:
-    """Keys of a topic that name fields of its messages."""
+    """Keys of a topic that name other topics, or fields of its messages."""
     return [f"{key} = {toml_value(value)}" for key in keys if (value := getattr(topic, key))]
 
 
@@ -367,9 +359,8 @@ def _fit_lines(fit: FixFit | None, known: tuple[float, ...]) -> list[str]:
 def _heading_keys(heading: HeadingTopic, estimates: LogEstimates) -> list[str]:
     """Keys of [log.heading] but its topic."""
     log, fit = estimates.log, estimates.fix_fit
-    is_moved = fit is not None and fit.differs(np.zeros(2))
     keys = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
-    antenna = fit.place if fit is not None and is_moved else None
+    antenna = fit.place if fit is not None and fit.differs(np.zeros(2)) else None
     offset = None if log is None else heading_offset(log, antenna)
     if offset is None:
         return [*keys, f"offset_deg = nan    {FILL_IN} (to the direction of driving)"]
@@ -379,11 +370,9 @@ def _heading_keys(heading: HeadingTopic, estimates: LogEstimates) -> list[str]:
 
 def _track_keys(tracks: TrackTopic) -> list[str]:
     """Keys of [log.tracks] but its topic."""
-    keys = _named(tracks, ("left", "right", "speed", "yaw_rate"))
+    keys = _named(tracks, ("right_topic", "left", "right", "speed", "yaw_rate"))
     if not tracks.left:
         keys.append(GAUGE_LINE)
-    if tracks.right_topic:
-        keys.insert(0, f"right_topic = {toml_value(tracks.right_topic)}")
     if tracks.left and (tracks.right_topic or tracks.unit != "rad/s"):
         keys.append(f"unit = {toml_value(tracks.unit)}    # check it")
     if tracks.counts_per_turn:

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -16,15 +16,17 @@ from icreckon.estimator.log.failed_sensors import stuck_sides
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid, interpolate_poses
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries, running_integral
+from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, running_integral
 from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.fix_wander import fit_fixes
 from icreckon.replay.inspection.guess_topics import sides
 from icreckon.replay.mapping.topics import TopicMap
+from icreckon.replay.reading.conversions import STANDARD_GRAVITY
+from icreckon.replay.reading.stamps import true_runs
 
 CLEAR_SIGN = 0.3  # least correlation of tracks and gyro that shows the sign of turning [-]
 FAST_TURNING = 6.0  # yaw rate that a ground robot hardly exceeds [rad/s]
-GRAVITY, STANDARD_GRAVITY = 9.81, 9.80665
+GRAVITY = 9.81
 COUNT_OF_GYRO = 0.000133  # usual size of a count, of a range of 250 deg/s and 16 bits [rad/s]
 WRONG_GRAVITY = 0.03  # relative error of the mean specific force from which it is suspicious [-]
 DEGREES = (20.0, 180.0)  # ratio to odometry's yaw rates that means degrees (57.3 without slip)
@@ -77,19 +79,17 @@ def wheel_estimates(
         track_ratio, track_sigma = _turning_ratio(vertical, difference)
     noise = 0.0
     if log.truth is not None:
-        source, stamps, positions = "truth", log.truth.poses.stamps, log.truth.poses.poses[:, :2]
+        source, places = "truth", log.truth.poses
     elif log.fixes is not None:
-        source, stamps, positions = "fixes", log.fixes.stamps, log.fixes.poses[:, :2]
-        noise = float(np.sqrt(np.median(log.fixes.variances[:, 0]))) if len(stamps) else 0.0
+        source, places = "fixes", PoseSeries(log.fixes.stamps, log.fixes.poses)
+        noise = float(np.sqrt(np.median(log.fixes.variances[:, 0]))) if len(places.stamps) else 0.0
         # Wander makes distances between fixes longer, and not the path that fits them.
         if (fit := fit_fixes(log, vertical)) is not None:
             of_distance = fit.scale, source, track_ratio, fit.scale_sigma, track_sigma
             return WheelEstimates(*of_distance)
     else:
         return WheelEstimates(None, "", track_ratio, track_sigma=track_sigma)
-    ratio, sigma = _distance_ratio(
-        log, vertical, stamps, positions, noise, WINDOWS[source], straight
-    )
+    ratio, sigma = _distance_ratio(log, vertical, places, noise, WINDOWS[source], straight)
     return WheelEstimates(ratio, source, track_ratio, sigma, track_sigma)
 
 
@@ -116,19 +116,14 @@ def jackknifed(estimate: Callable[[NDArray[np.int_]], float], count: int) -> tup
 
 
 def _distance_ratio(
-    log: Log,
-    vertical: Floats,
-    stamps: Stamps,
-    positions: Floats,
-    noise: float,
-    window: float,
-    straight: float,
+    log: Log, vertical: Floats, places: PoseSeries, noise: float, window: float, straight: float
 ) -> tuple[float | None, float | None]:
     """Distance over ground over that of the tracks, and its standard error."""
     # It is None if unknown, otherwise the median over windows [s] that turn by less than `straight` [rad]
-    # and in which the robot clearly drives. Distances between positions (n, 2) are chords, not arcs;
+    # and in which the robot clearly drives. Distances between places are chords, not arcs;
     # `noise` is the standard deviation of each coordinate [m].
     assert log.imu is not None  # noqa: S101 - checked by the caller
+    stamps, positions = places.stamps, places.poses[:, :2]
     start, end = max(stamps[0], log.start), min(stamps[-1], log.end)
     edges = even_grid(start, end, round(window / NANOSECOND), stamps)
     if len(edges) < FEWEST_WINDOWS + 1:
@@ -168,7 +163,7 @@ def standstills(log: Log) -> list[tuple[float, float]]:
     # The mask leaves out half a second at each end of a stop, and so all of a stop under a second.
     is_still, margin = imu_mounting.standstill(log.tracks, stamps), imu_mounting.STILL_MARGIN
     stops = []
-    for first_and_last in imu_mounting.true_runs(is_still):
+    for first_and_last in true_runs(is_still):
         start, end = ((stamps[first_and_last] - log.start) * NANOSECOND).tolist()
         stops.append((max(0.0, start - margin), end + margin))
     return stops
@@ -410,11 +405,19 @@ def _yaws_of_courses(log: Log, middles: Floats) -> tuple[list[int], list[float]]
     """Times [ns] and yaws [rad] of courses, by the robot's middle (n, 2) at the fixes."""
     assert log.fixes is not None  # noqa: S101 - checked by the caller
     stamps, sigmas = log.fixes.stamps, np.sqrt(log.fixes.variances[:, 0])
-    times, yaws = list[int](), list[float]()
-    for begin, end in _courses(stamps, middles, sigmas):
-        x, y = middles[end] - middles[begin]
-        times.append(int(stamps[end] + stamps[begin]) // 2)
-        yaws.append(float(np.arctan2(y, x) + (np.pi if _drives_backward(log, times[-1]) else 0.0)))
+    times, yaws, begin = list[int](), list[float](), 0
+    for row in range(1, len(stamps)):
+        x, y = middles[row] - middles[begin]
+        if np.hypot(x, y) < max(COURSE_LENGTH, 5.0 * sigmas[begin], 5.0 * sigmas[row]):
+            continue
+        if (stamps[row] - stamps[begin]) * NANOSECOND < COURSE_TIME:
+            times.append(int(stamps[row] + stamps[begin]) // 2)
+            yaws.append(float(np.arctan2(y, x)))
+        begin = row
+    if times and len(log.tracks.stamps):
+        # Tracks that drive backward.
+        speeds = np.interp(times, log.tracks.stamps, log.tracks.speeds.sum(axis=1))
+        yaws = (np.array(yaws) + np.where(speeds < 0.0, np.pi, 0.0)).tolist()
     return times, yaws
 
 
@@ -446,20 +449,3 @@ def _mean_offset(
     error = float(about_mean.std()) / np.sqrt(len(times))
     change_sigma = error / float(share.std())
     return HeadingOffset(float(np.degrees(np.angle(mean))), error, float(change), change_sigma)
-
-
-def _courses(stamps: Stamps, places: Floats, sigmas: Floats) -> Iterator[tuple[int, int]]:
-    """Yield the rows of fixes between which a robot has a course that they show."""
-    begin = 0
-    for row in range(1, len(stamps)):
-        least = max(COURSE_LENGTH, 5.0 * sigmas[begin], 5.0 * sigmas[row])
-        if np.hypot(*(places[row] - places[begin])) >= least:
-            if (stamps[row] - stamps[begin]) * NANOSECOND < COURSE_TIME:
-                yield begin, row
-            begin = row
-
-
-def _drives_backward(log: Log, stamp: int) -> bool:
-    """Test whether the tracks drive backward at a stamp [ns]; False without tracks."""
-    stamps, speeds = log.tracks.stamps, log.tracks.speeds.sum(axis=1)
-    return len(stamps) > 0 and bool(np.interp(stamp, stamps, speeds) < 0.0)

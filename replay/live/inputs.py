@@ -34,7 +34,7 @@ from icreckon.replay.reading.clocks import (
     clocks_agree,
 )
 from icreckon.replay.reading.gather import wanted_streams
-from icreckon.replay.reading.message_rows import VARIANCES, JointReader, Z, planar_poses
+from icreckon.replay.reading.message_rows import JointReader, pose_parts
 from icreckon.replay.reading.stream import Row, Stream, UnusableError, unreadable
 from icreckon.replay.reading.tf import TransformStream
 from icreckon.replay.reading.wheels import mean_of_sides
@@ -315,7 +315,7 @@ class LiveInputs:
         for purpose, stream in self._streams.items():
             rows = [waiting for waiting in self._waiting if waiting.purpose == purpose]
             if purpose in self.clocks:
-                evidence[purpose] = Evidence(stream.topic, stream.time, 0.0)
+                evidence[purpose] = Evidence(stream.time, 0.0)
             elif rows:
                 offsets = [row.header - row.arrival for row in rows if row.header is not None]
                 offset = None
@@ -323,7 +323,7 @@ class LiveInputs:
                     # That of a message that did not wait long.
                     offset = float(np.quantile(offsets, PROMPT, method="lower")) * NANOSECOND
                 constant = len(rows) > 1 and len({row.header for row in rows}) == 1
-                evidence[purpose] = Evidence(stream.topic, stream.time, offset, constant)
+                evidence[purpose] = Evidence(stream.time, offset, constant)
         return evidence
 
     # --- measurements ------------------------------------------------------------------------------
@@ -387,7 +387,7 @@ class LiveInputs:
             variances = np.array([[rows[0, 3], np.nan]])
             heights = rows[:, 2] - self.origin[2]
         else:
-            poses, variances, heights = planar_poses(rows), rows[:, VARIANCES].copy(), rows[:, Z]
+            poses, variances, heights = pose_parts(rows)
         if conversions.fill_variances(variances, mapped).any():
             self._lose("fixes", "no covariance, and no position_sigma given")
             return

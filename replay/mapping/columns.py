@@ -85,7 +85,7 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
             )
         if (unit == "counts") != (self.counts_per_turn is not None):
             raise ValueError('unit = "counts" and counts_per_turn need each other')
-        if self.wrap is not None and unit not in COUNTER_UNITS:
+        if self.wrap is not None and not self.are_counters:
             sums = ", ".join(sorted(COUNTER_UNITS))
             raise ValueError(f"wrap is for what adds up ({sums}), not for {unit}")
         if self.wrap is not None and max(map(len, sides.values()), default=0) > 1:
@@ -97,6 +97,11 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         if self.speed and self.yaw_rate:
             return self.speed, self.yaw_rate
         return tuple(name.removeprefix("-") for name in (*self.left, *self.right))
+
+    @property
+    def are_counters(self) -> bool:
+        """True for left and right that add up, so that their differences are the motion."""
+        return self.unit in COUNTER_UNITS
 
     @property
     def signs(self) -> Floats:
@@ -323,11 +328,6 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     fixes: PoseColumns | None = None
     truth: PoseColumns | None = None
     heading: HeadingColumns | None = None
-
-    @property
-    def has_times(self) -> bool:
-        """True if tracks or IMU have a time of their own."""
-        return any(one is not None and one.time for one in (self.tracks, self.imu))
 
     def __post_init__(self) -> None:
         if self.truth is not None and any(self.truth.position):

@@ -64,7 +64,8 @@ def number_paths(message: Any, depth: int = 3) -> dict[str, str]:
     names = getattr(message, "__dataclass_fields__", ())
     fields = {name: getattr(message, name) for name in names if name[:2] != "__"}
     own = [value for value in fields.values() if isinstance(value, str)]
-    lists = [value for value in fields.values() if isinstance(value, list) and _are_texts(value)]
+    lists = [value for value in fields.values() if isinstance(value, list) and value]
+    lists = [value for value in lists if all(isinstance(one, str) for one in value)]
     paths: dict[str, str] = {}
     for name, value in fields.items():
         parts = [(name, value, "")]
@@ -79,10 +80,6 @@ def number_paths(message: Any, depth: int = 3) -> dict[str, str]:
             )
             paths |= {one: " ".join([*own, text, its]) for one, its in found.items()}
     return paths
-
-
-def _are_texts(values: list[Any]) -> bool:
-    return bool(values) and all(isinstance(value, str) for value in values)
 
 
 def field_reader(

@@ -5,7 +5,7 @@ holds its own mapping, as JSON on `MAPPING_TOPIC`.
 """
 
 import re
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -171,10 +171,20 @@ class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if self.truth and self.truth.tracks and not (self.tracks and self.tracks.left):
             raise ValueError("truth.tracks needs the joints left and right of tracks")
 
+    def keys_of(self, purpose: str) -> Any:
+        """Topic or columns of a stream, such as "fixes"; None if neither is mapped."""
+        return getattr(self, purpose) or getattr(self.columns, purpose, None)
+
     @property
     def track_keys(self) -> TrackKeys | None:
         """Topic or columns of the track speeds."""
-        return self.tracks or (self.columns.tracks if self.columns else None)
+        keys: TrackKeys | None = self.keys_of("tracks")
+        return keys
+
+    @property
+    def from_twist(self) -> bool:
+        """True for track speeds that are computed from speed and yaw rate of the robot."""
+        return (keys := self.track_keys) is not None and not keys.left
 
     @property
     def in_rates(self) -> bool:

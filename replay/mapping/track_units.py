@@ -1,41 +1,21 @@
 """Conversion of track sensor units (rates, angles, counts, ...) to track speeds."""
 
 import math
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 
-TrackUnit = Literal[
-    "rad/s",
-    "deg/s",
-    "rpm",
-    "turns/s",
-    "m/s",
-    "mm/s",
-    "km/h",
-    "rad",
-    "deg",
-    "turns",
-    "counts",
-    "m",
-    "mm",
-]
+SpeedUnit = Literal["rad/s", "deg/s", "rpm", "turns/s", "m/s", "mm/s", "km/h"]
+CounterUnit = Literal["rad", "deg", "turns", "counts", "m", "mm"]
+TrackUnit = Literal[SpeedUnit, CounterUnit]
+COUNTER_UNITS: set[TrackUnit] = {*get_args(CounterUnit)}
 
-OF_SPROCKET = {
-    "rad/s": 1.0,
-    "deg/s": math.pi / 180.0,
-    "rpm": 2.0 * math.pi / 60.0,
-    "turns/s": 2.0 * math.pi,
-    "rad": 1.0,
-    "deg": math.pi / 180.0,
-    "turns": 2.0 * math.pi,
-}
-"""Rates and angles of the sprocket in rad/s and rad; counts depend on the encoder."""
+OF_SPROCKET = {"rad": 1.0, "deg": math.pi / 180.0, "turns": math.tau, "rpm": math.tau / 60.0}
+"""Angles of the sprocket in rad, and so rates in rad/s; rpm in rad/s. Counts depend on the encoder."""
 OF_GROUND = {"m/s": 1.0, "mm/s": 1e-3, "km/h": 1.0 / 3.6, "m": 1.0, "mm": 1e-3}
 """Speeds and distances of the track in m/s and m."""
-COUNTER_UNITS = {"rad", "deg", "turns", "counts", "m", "mm"}  # units of counters
 ANY_COUNTS = 1.0  # counts of a turn with which counters are read until a person fills them in
 LONGEST_DIFFERENCE = 1.0  # longest interval between two samples of a counter that gives a speed [s]
 TOO_FAST = 10.0  # a counter that is faster than this many times the fastest track jumped [-]
@@ -46,7 +26,9 @@ def metres(unit: TrackUnit, sprocket_radius: float, counts_per_turn: float | Non
     if unit in OF_GROUND:
         return OF_GROUND[unit]
     of_count = 2.0 * math.pi / (counts_per_turn or ANY_COUNTS)
-    return sprocket_radius * (of_count if unit == "counts" else OF_SPROCKET[unit])
+    return sprocket_radius * (
+        of_count if unit == "counts" else OF_SPROCKET[unit.removesuffix("/s")]
+    )
 
 
 def counter_range(counts: Floats) -> tuple[float | None, float]:

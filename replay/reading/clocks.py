@@ -20,7 +20,6 @@ UsedClock = Literal["header", "recording"]
 class Evidence(NamedTuple):
     """Evidence about the clock of a stream."""
 
-    topic: str  # its topic
     asked: Clock  # the robot file's setting
     offset: float | None  # typical header stamp minus time of recording [s]; None without headers
     constant: bool = False  # whether all of several header stamps are equal

@@ -14,29 +14,18 @@ from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.frames import wrap_angle, yaw_to_quaternion
 from icreckon.estimator.log.measurements import HeightFix
 from icreckon.estimator.robot.robot_file import Vehicle
-from icreckon.replay.bags.message_types import OF_A_BODY
-from icreckon.replay.mapping.columns import (
-    AccelerationUnit,
-    HeadingColumns,
-    ImuColumns,
-    PoseColumns,
-    RateUnit,
-    TrackColumns,
-)
+from icreckon.replay.bags.message_types import IMU, OF_A_BODY
+from icreckon.replay.mapping.columns import HeadingColumns, ImuColumns, PoseColumns, TrackColumns
 from icreckon.replay.mapping.field_paths import field_reader
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, ImuTopic, TrackTopic
-from icreckon.replay.mapping.track_units import COUNTER_UNITS, metres
+from icreckon.replay.mapping.track_units import metres
 from icreckon.replay.reading.message_rows import imu_row
-from icreckon.replay.reading.stream import Row, RowReader
+from icreckon.replay.reading.stream import Readers, Row, RowReader
 
 RADIANS = {"rad": 1.0, "deg": math.pi / 180.0}
 STANDARD_GRAVITY = 9.80665  # acceleration of a unit g [m/s²]
-RATES: dict[RateUnit, float] = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "mdps": math.pi / 180e3}
-ACCELERATIONS: dict[AccelerationUnit, float] = {
-    "m/s2": 1.0,
-    "g": STANDARD_GRAVITY,
-    "mg": 1e-3 * STANDARD_GRAVITY,
-}
+RATES = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "mdps": math.pi / 180e3}
+ACCELERATIONS = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY}
 WORSE = 3.0  # stated sigma over the median from which a position is no truth, as of a float fix [-]
 WHOLE_DEGREES = 1e4  # beyond this whole numbers are 1e-7 deg, heights in mm (u-blox, MAVLink, PX4)
 LEAST_WHOLE_SIGMA = 10.0  # whole sigmas from here on, with such degrees, are in mm (u-blox)
@@ -62,7 +51,27 @@ def imu_rows(spec: ImuTopic | ImuColumns, values: Floats) -> Floats:
     return np.column_stack([rates * of_rates, forces * of_forces])
 
 
-def imu_reader(spec: ImuTopic, only: slice = slice(0, 6)) -> RowReader:
+def imu_readers(spec: ImuTopic) -> tuple[Readers, Readers]:
+    """Build the readers of an IMU's topic, and of accelerations apart.
+
+    Each are readers by message type, and that of named fields or None. Rows are those of `imu_rows`, with
+    NaN for what the other topic has.
+    """
+    rates, forces = spec.angular_velocity, spec.linear_acceleration
+    is_apart = spec.acceleration_topic is not None
+    if not spec.names:
+        parts = slice(0, 3) if is_apart else slice(0, 6), slice(3, 6)
+        first, other = (({IMU: _imu_reader(spec, part)}, None) for part in parts)
+        return first, other
+
+    def of_forces(values: Floats) -> Floats:
+        return imu_rows(spec, np.column_stack([np.full((1, len(rates)), np.nan), values]))
+
+    of_rates = field_reader(rates if is_apart else spec.names, partial(imu_rows, spec))
+    return ({}, of_rates), ({}, field_reader(forces, of_forces))
+
+
+def _imu_reader(spec: ImuTopic, only: slice) -> RowReader:
     """Reader of these columns of Imu in the units of the mapping, NaN for others."""
     if spec.rate_unit == "rad/s" and spec.acceleration_unit == "m/s2" and only == slice(0, 6):
         return imu_row
@@ -73,18 +82,6 @@ def imu_reader(spec: ImuTopic, only: slice = slice(0, 6)) -> RowReader:
         return tuple(imu_rows(spec, row)[0].tolist())
 
     return read
-
-
-def imu_field_readers(spec: ImuTopic) -> tuple[RowReader, RowReader]:
-    """Build readers of named fields: of an IMU's topic, and of accelerations apart."""
-    if spec.acceleration_topic is None:
-        return (field_reader(spec.names, partial(imu_rows, spec)),) * 2
-    rates, forces = spec.angular_velocity, spec.linear_acceleration
-
-    def of_forces(values: Floats) -> Floats:
-        return imu_rows(spec, np.column_stack([np.full((1, len(rates)), np.nan), values]))
-
-    return field_reader(rates, partial(imu_rows, spec)), field_reader(forces, of_forces)
 
 
 def pose_rows(spec: FixTopic | PoseColumns, rows: Floats) -> Floats:
@@ -98,35 +95,31 @@ def pose_rows(spec: FixTopic | PoseColumns, rows: Floats) -> Floats:
     if spec.latitude and spec.longitude:
         altitude = values[spec.altitude] if spec.altitude else unknown
         places = np.column_stack([values[spec.latitude], values[spec.longitude], altitude])
-        unit = _unit_of_places(places, np.sqrt(variance))
-        return np.column_stack([places * unit.place, variance * unit.sigma**2])
+        of_place, of_sigma = _units_of_places(places, np.sqrt(variance))
+        return np.column_stack([places * of_place, variance * of_sigma**2])
     yaw = values[spec.yaw] * RADIANS[spec.yaw_unit] if spec.yaw else unknown
     x, y = values[spec.x or ""], values[spec.y or ""]
     return np.column_stack([x, y, yaw_to_quaternion(yaw), variance, *([unknown] * 5)])
 
 
-class _PlaceUnit(NamedTuple):
-    """Factors to degrees and metres."""
+def _units_of_places(places: Floats, sigmas: Floats) -> tuple[tuple[float, float, float], float]:
+    """Choose the units of places (n, 3) and of sigmas (n,), by their size.
 
-    place: tuple[float, float, float]  # of latitude, longitude and altitude
-    sigma: float  # of the standard deviation
-
-
-def _unit_of_places(places: Floats, sigmas: Floats) -> _PlaceUnit:
-    """Choose the units of places (n, 3) and of sigmas (n,), by their size."""
+    Returns the factors of latitude, longitude and altitude to degrees and metres, and of sigma to metres.
+    """
     known = np.isfinite(places[:, :2]).all(axis=1)
     latitudes, longitudes = np.abs(places[known, :2]).T
     coarse = sigmas[np.isfinite(sigmas)]
     is_whole = len(coarse) > 0 and not (coarse % 1.0).any()
     if latitudes.max(initial=0.0) > WHOLE_DEGREES and not (places[known, :2] % 1.0).any():
         in_mm = is_whole and bool(coarse.min() >= LEAST_WHOLE_SIGMA)
-        return _PlaceUnit((1e-7, 1e-7, 1e-3), 1e-3 if in_mm else 1.0)
+        return (1e-7, 1e-7, 1e-3), 1e-3 if in_mm else 1.0
     # Degrees of this size are in the Gulf of Guinea, but for the origin of simulated worlds.
     is_far = latitudes.max(initial=0.0) > NO_PLACE or longitudes.max(initial=0.0) > NO_PLACE
     if is_far and (latitudes <= 0.5 * math.pi).all() and (longitudes <= math.pi).all():
         # Septentrio's receivers state radians, and sigmas in whole centimetres.
-        return _PlaceUnit((180.0 / math.pi, 180.0 / math.pi, 1.0), 1e-2 if is_whole else 1.0)
-    return _PlaceUnit((1.0, 1.0, 1.0), 1.0)
+        return (180.0 / math.pi, 180.0 / math.pi, 1.0), 1e-2 if is_whole else 1.0
+    return (1.0, 1.0, 1.0), 1.0
 
 
 def fix_heights(
@@ -152,11 +145,6 @@ class WheelValues(NamedTuple):
     wrap: float | None = None  # range of the counters [m], or None
 
 
-def track_width(msgtype: str, mapped: TrackTopic | TrackColumns) -> int:
-    """Length of a row of `message_rows.track_readers`, or of a table."""
-    return 2 if is_twist(msgtype, mapped) else len(mapped.names)
-
-
 def is_twist(msgtype: str, mapped: TrackTopic | TrackColumns) -> bool:
     """Test for rows with the speed and yaw rate of the robot."""
     return msgtype in OF_A_BODY or mapped.speed is not None
@@ -173,8 +161,8 @@ def wheel_values(
         return WheelValues(np.column_stack([forward - half_difference, forward + half_difference]))
     factor = mapped.scale * metres(mapped.unit, vehicle.sprocket_radius, mapped.counts_per_turn)
     wrap = None if mapped.wrap is None else mapped.wrap * factor
-    are_counters = mapped.unit in COUNTER_UNITS
-    return WheelValues(rows * mapped.signs * factor, len(mapped.left), are_counters, wrap)
+    values = rows * mapped.signs * factor
+    return WheelValues(values, len(mapped.left), mapped.are_counters, wrap)
 
 
 def fill_variances(variances: Floats, mapped: FixTopic | PoseColumns) -> NDArray[np.bool_]:

@@ -12,21 +12,13 @@ import msgspec
 
 from icreckon.replay.bags.bag_files import BAG_SUFFIXES, Bag, over_bag
 from icreckon.replay.bags.decoding import Definitions, decoder
-from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRING, TWIST
+from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRING
 from icreckon.replay.bags.table_files import TABLE_SUFFIXES, is_table
 from icreckon.replay.base.errors import OF_ROBOT_FILE, NoRowsError, ReplayError, os_errors
 from icreckon.replay.mapping.field_paths import field_reader
-from icreckon.replay.mapping.topics import (
-    MAPPING_TOPIC,
-    Clock,
-    FixTopic,
-    TopicMap,
-    TrackTopic,
-    TruthTopic,
-)
-from icreckon.replay.mapping.track_units import COUNTER_UNITS
+from icreckon.replay.mapping.topics import MAPPING_TOPIC, FixTopic, TopicMap, TrackTopic, TruthTopic
 from icreckon.replay.reading import message_rows
-from icreckon.replay.reading.conversions import imu_field_readers, imu_reader, pose_rows
+from icreckon.replay.reading.conversions import imu_readers, pose_rows
 from icreckon.replay.reading.stream import Stream
 from icreckon.replay.reading.tables import Table, table_streams, wanted_columns
 from icreckon.replay.reading.tf import TransformStream
@@ -206,11 +198,9 @@ def _of_table(path: Path, mapping: TopicMap) -> Gathered:
             f"{path}: a table needs [log.columns] in the robot file (`icreckon inspect {path}` "
             f"proposes it); its columns are {names}"
         )
-    of_file = Gathered(str(path), mapping)
-    of_file.notes = list(table.notes)
-    of_file.streams = {stream.purpose: stream for stream in table_streams(table, mapping.columns)}
-    of_file.found = Counter({f"{path.name}: {column.name}": len(table) for column in table.columns})
-    return of_file
+    streams = {stream.purpose: stream for stream in table_streams(table, mapping.columns)}
+    found = Counter({f"{path.name}: {column.name}": len(table) for column in table.columns})
+    return Gathered(str(path), mapping, streams, found, list(table.notes))
 
 
 def _of_bag(
@@ -248,8 +238,8 @@ def wanted_streams(
 ) -> Iterator[Stream]:
     """Yield the streams of a mapping, still empty."""
 
-    def stream(purpose: str, topic: str, time: Clock, readers: Any, other: Any = None) -> Stream:
-        return Stream(purpose, topic, source, time, readers, other, definitions)
+    def stream(purpose: str, topic: str, mapped: Any, readers: Any, other: Any = None) -> Stream:
+        return Stream(purpose, topic, source, mapped.time, readers, other, definitions)
 
     def pose_stream(purpose: str, mapped: FixTopic | TruthTopic) -> Stream:
         if mapped.frames is not None:
@@ -257,52 +247,44 @@ def wanted_streams(
             return tf_stream(purpose, mapped.topic, source, mapped.time)
         if isinstance(mapped, FixTopic) and mapped.names:
             by_field = field_reader(mapped.names, partial(pose_rows, mapped))
-            return stream(purpose, mapped.topic, mapped.time, {}, by_field)
+            return stream(purpose, mapped.topic, mapped, {}, by_field)
         readers = message_rows.POSE_READERS | message_rows.GEODETIC_READERS
-        return stream(purpose, mapped.topic, mapped.time, readers)
+        return stream(purpose, mapped.topic, mapped, readers)
 
     def track_stream(tracks: TrackTopic) -> Stream:
         left, right = tracks.names[: len(tracks.left)], tracks.names[len(tracks.left) :]
-        are_counters = tracks.unit in COUNTER_UNITS
+        are_counters = tracks.are_counters
         if tracks.right_topic:
             left_readers = message_rows.side_readers(left, 0, len(right), are_counters)
             right_readers = message_rows.side_readers(right, len(left), 0, are_counters)
-            both = stream("tracks", tracks.topic, tracks.time, *left_readers)
-            both.second = stream("tracks", tracks.right_topic, tracks.time, *right_readers)
+            both = stream("tracks", tracks.topic, tracks, *left_readers)
+            both.second = stream("tracks", tracks.right_topic, tracks, *right_readers)
             return both
         readers = message_rows.track_readers(tracks.names, are_counters)
         by_field = tracks.names and types.get(tracks.topic) not in readers
         reader = field_reader(tracks.names) if by_field else None
-        return stream("tracks", tracks.topic, tracks.time, readers, reader)
+        return stream("tracks", tracks.topic, tracks, readers, reader)
 
     if tracks := mapping.tracks:
         yield track_stream(tracks)
     if imu := mapping.imu:
-        if imu.names:
-            rates, forces = imu_field_readers(imu)
-            of_rates = stream("imu", imu.topic, imu.time, {}, rates)
-            if imu.acceleration_topic is not None:
-                of_rates.second = stream("imu", imu.acceleration_topic, imu.time, {}, forces)
-            yield of_rates
-        elif imu.acceleration_topic is None:
-            yield stream("imu", imu.topic, imu.time, {IMU: imu_reader(imu)})
-        else:
-            both = stream("imu", imu.topic, imu.time, {IMU: imu_reader(imu, slice(0, 3))})
-            of_forces = {IMU: imu_reader(imu, slice(3, 6))}
-            both.second = stream("imu", imu.acceleration_topic, imu.time, of_forces)
-            yield both
+        readers, of_forces = imu_readers(imu)
+        of_imu = stream("imu", imu.topic, imu, *readers)
+        if imu.acceleration_topic is not None:
+            of_imu.second = stream("imu", imu.acceleration_topic, imu, *of_forces)
+        yield of_imu
     if fixes := mapping.fixes:
         yield pose_stream("fixes", fixes)
     if heading := mapping.heading:
-        yield stream("heading", heading.topic, heading.time, message_rows.HEADING_READERS)
+        yield stream("heading", heading.topic, heading, message_rows.HEADING_READERS)
     if truth := mapping.truth:
         yield pose_stream("truth", truth)
         if truth.twist:
-            yield stream("truth twist", truth.twist, truth.time, {TWIST: message_rows.twist_row})
+            yield stream("truth twist", truth.twist, truth, message_rows.TWIST_READERS)
         if truth.tracks and tracks:
-            readers = message_rows.track_readers(tracks.names, tracks.unit in COUNTER_UNITS)
-            joints = {JOINT_STATE: readers[JOINT_STATE]}
-            yield stream("truth tracks", truth.tracks, truth.time, joints)
+            reader = message_rows.JointReader(tracks.names, tracks.are_counters)
+            joints = {JOINT_STATE: reader}
+            yield stream("truth tracks", truth.tracks, truth, joints)
 
 
 def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Path]) -> None:

@@ -9,7 +9,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import quaternion_to_rpy, quaternion_to_yaw
 from icreckon.replay.bags import message_types as ros
 from icreckon.replay.mapping.field_paths import field_reader
-from icreckon.replay.reading.stream import ABSENT, NAN, Row, RowReader, UnusableError
+from icreckon.replay.reading.stream import ABSENT, NAN, Readers, Row, RowReader, UnusableError
 
 
 def track_readers(joints: Sequence[str], positions: bool = False) -> dict[str, RowReader]:
@@ -58,9 +58,7 @@ class JointReader:
         return tuple(row) if places else None
 
 
-def side_readers(
-    names: Sequence[str], before: int, after: int, positions: bool
-) -> tuple[dict[str, RowReader], RowReader]:
+def side_readers(names: Sequence[str], before: int, after: int, positions: bool) -> Readers:
     """Build readers of one side's topic (JointState, other types), NaN for the other."""
 
     def padded(read: RowReader) -> RowReader:
@@ -89,13 +87,12 @@ def imu_row(message: Any) -> Row:
     return (*rates, *forces)
 
 
-def twist_row(message: Any) -> Row:
-    """Body velocity v_x, v_y, w of a TwistStamped."""
-    return _planar(message.twist)
-
-
 def _planar(twist: Any) -> Row:
     return (twist.linear.x, twist.linear.y, twist.angular.z)
+
+
+TWIST_READERS: dict[str, RowReader] = {ros.TWIST: lambda message: _planar(message.twist)}
+"""Rows v_x, v_y, w of the body."""
 
 
 def _variances(covariance: Any) -> Row:
@@ -129,6 +126,11 @@ PLANAR = 1e-6  # truths with a smaller range of z [m], roll and pitch [rad] are 
 def planar_poses(rows: Floats) -> Floats:
     """Convert `POSE_READERS` rows to (n, 3) x, y, yaw; yaw NaN for a zero quaternion."""
     return np.column_stack([rows[:, :2], quaternion_to_yaw(_unit_quaternions(rows))])
+
+
+def pose_parts(rows: Floats) -> tuple[Floats, Floats, Floats]:
+    """Convert `POSE_READERS` rows to poses (n, 3), variances (n, 2) and heights (n,)."""
+    return planar_poses(rows), rows[:, VARIANCES].copy(), rows[:, Z]
 
 
 def spatial_part(rows: Floats) -> Floats | None:

@@ -97,12 +97,15 @@ def doubled_times(stamps: Stamps) -> list[tuple[int, int]]:
     # Without almost empty windows: a single wrong stamp lies far before or after the others.
     usual = float(np.median(counts[counts > 0.2 * counts.mean()]))
     many = (counts >= MANY * usual) & (counts <= TOO_MANY * usual)
-    ends = np.flatnonzero(np.diff(np.concatenate([[0], many.astype(np.int8), [0]])))
-    return [
-        (int(edges[first]), int(edges[last]))
-        for first, last in ends.reshape(-1, 2)
-        if last - first >= FEWEST_WINDOWS
-    ]
+    runs = [(first, last + 1) for first, last in true_runs(many)]
+    runs = [(begin, end) for begin, end in runs if end - begin >= FEWEST_WINDOWS]
+    return [(int(edges[begin]), int(edges[end])) for begin, end in runs]
+
+
+def true_runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """First and last rows (k, 2) of the runs of a mask (n,) in which it is set."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))).reshape(-1, 2)
+    return ends - (0, 1)
 
 
 def largest_part(stamps: Stamps) -> tuple[int, int]:

@@ -20,6 +20,8 @@ from icreckon.replay.reading.stamps import APART, LATE, arrival_in_order, withou
 
 Row = tuple[float, ...]
 RowReader = Callable[[Any], Row | None]
+Readers = tuple[dict[str, RowReader], RowReader | None]
+"""Readers of a topic by message type, and that of all other types, or None to refuse them."""
 
 COLUMNS = "columns"  # placeholder for the message type of rows from a table
 
@@ -192,13 +194,13 @@ class Stream:
     def evidence(self) -> Evidence:
         """Evidence about the clock of the stream."""
         if self._headless or not self._rows.stamped:
-            return Evidence(self.topic, self.time, None)
+            return Evidence(self.time, None)
         stamped = np.frombuffer(self._rows.stamped, dtype=np.int64)
         recorded = np.frombuffer(self._rows.recorded, dtype=np.int64)
         order = np.argsort(recorded, kind="stable")
         offsets = without_steps(stamped[order], recorded[order])[0] - recorded[order]
         constant = len(stamped) > 1 and bool((stamped == stamped[0]).all())
-        return Evidence(self.topic, self.time, float(np.median(offsets)) * NANOSECOND, constant)
+        return Evidence(self.time, float(np.median(offsets)) * NANOSECOND, constant)
 
     def arrays(self, clock: UsedClock) -> tuple[Stamps, Floats]:
         """Stamps (n,) [ns] and rows (n, k), sorted except for those far out of order.

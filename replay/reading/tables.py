@@ -147,10 +147,6 @@ class Table:
     def __len__(self) -> int:
         return int(self._table.num_rows)
 
-    def has(self, names: Sequence[str]) -> bool:
-        """Test for the presence of all these columns."""
-        return len(self.present(names)) == len(set(names))
-
     def present(self, names: Sequence[str]) -> set[str]:
         """Names that are columns of the table, also as "FILE.column"."""
         own_names = {column.name for column in self.columns}
@@ -284,7 +280,7 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         names, time = spec.names, spec.time or columns.time
         there = table.present(names)
         is_whole = len(there) == len(set(names))
-        if not (table.has([time]) and there and (is_whole or purpose in SAMPLED)):
+        if not (table.present([time]) and there and (is_whole or purpose in SAMPLED)):
             continue
         stamps, timed = table.stamps(time, spec.time_unit or columns.time_unit)
         stamps = stamps - round(spec.clock_offset / NANOSECOND)

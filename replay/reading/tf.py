@@ -71,17 +71,17 @@ class TransformStream(Stream):
                 f"{self.source}: topic {self.topic!r}: all transforms from {self.frames[0]!r} to "
                 f"{self.frames[1]!r} are static, so they show no motion"
             )
-        series = {link: self._series(link, clock) for link in moving}
-        stamps = min((link_stamps for link_stamps, _ in series.values()), key=len)
-        poses = _poses(np.tile(STAYS, (len(stamps), 1)))
-        known = np.ones(len(stamps), dtype=bool)
-        for link, forward in chain:
-            if link in series:
-                step, is_known = _interpolated(*series[link], stamps)
-                known &= is_known
-            else:
-                step = _poses(self._static[link][None])
-            poses = _composed(poses, step if forward else _inverse(step))
+        series = {}
+        for link in moving:
+            link_stamps, rows = self._in_order(clock, self._links[link])
+            link_stamps, first = np.unique(link_stamps, return_index=True)
+            series[link] = link_stamps, rows[first]
+        stamps = min((times for times, _ in series.values()), key=len)
+        steps, known = {}, np.ones(len(stamps), dtype=bool)
+        for link in moving:
+            steps[link], is_known = _interpolated(*series[link], stamps)
+            known &= is_known
+        poses = self._along(chain, steps, len(stamps))
         self.lose("tf: no transforms near in time", int((~known).sum()))
         # Variances and twist are unknown.
         unknown, (xy, z) = np.full((len(stamps), 5), NAN), np.split(poses.translations, [2], axis=1)
@@ -98,12 +98,9 @@ class TransformStream(Stream):
             chain = self._chain()
         except ReplayError:
             return None
-        poses = _poses(np.array([STAYS]))
-        for link, forward in chain:
-            if link not in self._static:
-                return None
-            step = _poses(self._static[link][None])
-            poses = _composed(poses, step if forward else _inverse(step))
+        if any(link not in self._static for link, _ in chain):
+            return None
+        poses = self._along(chain, {}, 1)
         return poses.translations[0], poses.rotations.as_matrix()[0]
 
     def _take(self, record: Record, message: Any) -> None:
@@ -172,10 +169,20 @@ class TransformStream(Stream):
             chain.append((link, forward))
         return chain[::-1]
 
-    def _series(self, link: Link, clock: UsedClock) -> tuple[Stamps, Floats]:
-        stamps, rows = self._in_order(clock, self._links[link])
-        stamps, first = np.unique(stamps, return_index=True)
-        return stamps, rows[first]
+    def _along(
+        self, chain: list[tuple[Link, bool]], moving: Mapping[Link, _Poses], count: int
+    ) -> _Poses:
+        """Poses (count,) along a chain by those of moving links; the others are static."""
+        poses = _poses(np.tile(STAYS, (count, 1)))
+        for link, forward in chain:
+            places, turns = moving.get(link) or _poses(self._static[link][None])
+            if not forward:
+                turns = turns.inv()
+                places = -turns.apply(places)
+            poses = _Poses(
+                poses.translations + poses.rotations.apply(places), poses.rotations * turns
+            )
+        return poses
 
 
 def _interpolated(stamps: Stamps, rows: Floats, wanted: Stamps) -> tuple[_Poses, Any]:
@@ -200,13 +207,3 @@ def _poses(rows: Floats) -> _Poses:
     from scipy.spatial.transform import Rotation
 
     return _Poses(rows[:, :3], Rotation.from_quat(rows[:, 3:]))
-
-
-def _composed(first: _Poses, second: _Poses) -> _Poses:
-    turned = first.rotations.apply(second.translations)
-    return _Poses(first.translations + turned, first.rotations * second.rotations)
-
-
-def _inverse(poses: _Poses) -> _Poses:
-    inverse = poses.rotations.inv()
-    return _Poses(-inverse.apply(poses.translations), inverse)

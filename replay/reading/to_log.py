@@ -19,24 +19,10 @@ from icreckon.replay.base.errors import OF_ROBOT_FILE, OF_STAMPS, ApartError, Re
 from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
 from icreckon.replay.mapping.topics import TrackTopic
-from icreckon.replay.mapping.track_units import (
-    ANY_COUNTS,
-    COUNTER_UNITS,
-    counter_range,
-    differences,
-)
-from icreckon.replay.reading import conversions
+from icreckon.replay.mapping.track_units import ANY_COUNTS, counter_range, differences
+from icreckon.replay.reading import conversions, message_rows
 from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
 from icreckon.replay.reading.gather import Gathered
-from icreckon.replay.reading.message_rows import (
-    POSE_WIDTH,
-    TWIST,
-    VARIANCES,
-    JointReader,
-    Z,
-    planar_poses,
-    spatial_part,
-)
 from icreckon.replay.reading.stamps import doubled_times, in_both, largest_part
 from icreckon.replay.reading.stream import NAN, Stream
 from icreckon.replay.reading.wheels import interpolated, of_sides
@@ -199,7 +185,8 @@ class _Assembly:
     def _tracks(self, stream: Stream) -> series.TrackSpeedSeries | None:
         """Track speeds, measured or true; None if no true ones are usable."""
         vehicle, spec, is_truth = self.robot.vehicle, self._spec(stream), stream.purpose != "tracks"
-        stamps, rows = self._arrays(stream, conversions.track_width(stream.msgtype, spec))
+        width = 2 if conversions.is_twist(stream.msgtype, spec) else len(spec.names)
+        stamps, rows = self._arrays(stream, width)
         if is_truth:
             signed = rows * spec.signs * vehicle.sprocket_radius
             wheels = conversions.WheelValues(signed, len(spec.left))
@@ -214,10 +201,17 @@ class _Assembly:
                 what = f"{stream.msgtype} has one speed and a yaw rate"
                 ignored = "speed and yaw_rate" if spec.speed else "left and right"
                 self.notes.append(f"{OF_ROBOT_FILE}{ignored} of [log.tracks] are ignored: {what}")
+        fastest = vehicle.max_track_speed
         if wheels.are_counters and len(stamps):
-            stamps, values = self._counter_speeds(stream, stamps, values, wheels.wrap)
+            has_scale = spec.counts_per_turn != ANY_COUNTS
+            most = fastest if has_scale else math.inf
+            stamps, values, lost = differences(stamps, values, wheels.wrap, most)
+            for reason, count in lost.items():
+                stream.lose(reason, count)
+            if not len(stamps):
+                note = f"no usable difference for {stream.purpose} on topic {stream.topic!r}"
+                self.notes.append(note)
         if len(stamps):
-            fastest = vehicle.max_track_speed
             tracks, notes = of_sides(stamps, values, wheels.left_count, spec.names, fastest)
             self.notes += [] if is_truth else notes
             return tracks
@@ -226,29 +220,14 @@ class _Assembly:
         reason = self.notes[-1].removeprefix(OF_ROBOT_FILE)
         raise ReplayError(f"{stream.source}: {reason}{self._joints_hint(stream)}")
 
-    def _counter_speeds(
-        self, stream: Stream, stamps: Stamps, counters: Floats, wrap: float | None
-    ) -> tuple[Stamps, Floats]:
-        """Stamps (m,) and wheel speeds (m, k) [m/s] from counters (n, k) [m]."""
-        has_scale = self._spec(stream).counts_per_turn != ANY_COUNTS
-        fastest = self.robot.vehicle.max_track_speed if has_scale else math.inf
-        stamps, speeds, lost = differences(stamps, counters, wrap, fastest)
-        for reason, count in lost.items():
-            stream.lose(reason, count)
-        if not len(stamps):
-            note = f"no usable difference for {stream.purpose} on topic {stream.topic!r}"
-            self.notes.append(note)
-        return stamps, speeds
-
     def _joints_hint(self, stream: Stream) -> str:
         """Text on the wanted and the found joints of a stream; "" for other types."""
         reader = stream.readers.get(JOINT_STATE)
-        mapped = self.gathered.mapping.tracks
-        if stream.msgtype != JOINT_STATE or mapped is None or not isinstance(reader, JointReader):
+        if stream.msgtype != JOINT_STATE or not isinstance(reader, message_rows.JointReader):
             return ""
-        wanted = ", ".join(mapped.names)
+        wanted = ", ".join(reader.joints)
         found = ", ".join(sorted(reader.seen)) or "no joints"
-        field_name = "positions" if mapped.unit in COUNTER_UNITS else "velocities"
+        field_name = "positions" if reader.positions else "velocities"
         return f"; wanted are the {field_name} of the joints {wanted}, found were {found}"
 
     def _imu(self, stream: Stream) -> series.ImuSeries | None:
@@ -269,10 +248,10 @@ class _Assembly:
     def _fixes(self, stream: Stream) -> series.FixSeries | None:
         spec = self._spec(stream)
         if stream.msgtype == NAVSATFIX or spec.latitude:
-            stamps, poses, variances, heights = self._geodetic(stream, spec.origin)
+            stamps, poses, variances, heights = self._geodetic(stream)
         else:
-            stamps, rows = self._arrays(stream, POSE_WIDTH)
-            poses, variances, heights = planar_poses(rows), rows[:, VARIANCES].copy(), rows[:, Z]
+            stamps, rows = self._arrays(stream, message_rows.POSE_WIDTH)
+            poses, variances, heights = message_rows.pose_parts(rows)
         no_variance = conversions.fill_variances(variances, spec)
         if len(stamps) and no_variance.all():
             table = "[log.columns.fixes]" if stream.from_table else "[log.fixes]"
@@ -297,14 +276,12 @@ class _Assembly:
         antennas = np.tile(place, (int(keep.sum()), 1)) if any(place) else None
         return series.FixSeries(stamps[keep], poses[keep], variances[keep], antennas)
 
-    def _geodetic(
-        self, stream: Stream, origin: tuple[float, float, float] | None
-    ) -> tuple[Stamps, Floats, Floats, Floats]:
+    def _geodetic(self, stream: Stream) -> tuple[Stamps, Floats, Floats, Floats]:
         """Stamps, poses, variances, heights of a geodetic stream; notes the origin.
 
         A truth without an origin of its own has that of the fixes, so that both share a frame.
         """
-        origin = self._origin if origin is None else origin
+        origin: Origin | None = self._spec(stream).origin or self._origin
         stamps, rows = self._arrays(stream, 4)
         possible = on_globe(rows) | ~np.isfinite(rows[:, :2]).all(axis=1)
         stream.lose("not a place on the globe", int((~possible).sum()))
@@ -342,19 +319,19 @@ class _Assembly:
     def _truth(self, stream: Stream, streams: dict[str, Stream]) -> series.Truth | None:
         spec = self._spec(stream)
         if stream.msgtype == NAVSATFIX:
-            stamps, poses, variances, _ = self._geodetic(stream, spec.origin)
+            stamps, poses, variances, _ = self._geodetic(stream)
             fits = conversions.fit_for_truth(variances[:, 0])
             stream.lose("stated sigma far above the median", int((~fits).sum()))
             stamps, poses = stamps[fits], poses[fits]
-            twists, rows = np.full_like(poses, NAN), np.empty((0, POSE_WIDTH))
+            twists, rows = np.full_like(poses, NAN), np.empty((0, message_rows.POSE_WIDTH))
         else:
-            stamps, rows = self._arrays(stream, POSE_WIDTH)
-            poses, twists = planar_poses(rows), rows[:, TWIST]
+            stamps, rows = self._arrays(stream, message_rows.POSE_WIDTH)
+            poses, twists = message_rows.planar_poses(rows), rows[:, message_rows.TWIST]
         headings = bool(np.isfinite(poses[:, 2]).any())
         keep = self._screened(stream, stamps, poses if headings else poses[:, :2])
         if not keep.any():
             return None
-        spatial = spatial_part(rows[keep] if len(rows) else rows)
+        spatial = message_rows.spatial_part(rows[keep] if len(rows) else rows)
         if spatial is not None:
             # As that of the filters, the height begins at zero.
             spatial[:, 0] -= spatial[0, 0]
@@ -377,7 +354,7 @@ class _Assembly:
 
 def _wrap_notes(rows: Floats, mapped: TrackTopic | TrackColumns) -> Iterator[str]:
     """Note a range of counters that their readings contradict."""
-    if mapped.unit not in COUNTER_UNITS or not len(rows):
+    if not mapped.are_counters or not len(rows):
         return
     where, (likely_range, span) = f"{OF_ROBOT_FILE}the counters of the tracks", counter_range(rows)
     if likely_range is not None and mapped.wrap != likely_range:

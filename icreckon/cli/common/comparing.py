@@ -15,7 +15,7 @@ from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, compare
 from icreckon.replay.comparison.fixes import LogPart
 from icreckon.replay.comparison.many import Case, CaseScores, case_scores
-from icreckon.replay.comparison.results import Results, comparison_drifts, summarise
+from icreckon.replay.comparison.results import Results, summarise
 from icreckon.replay.export.folder import write_exports
 from icreckon.replay.export.formats import DEFAULT_FORMATS, check_formats
 from icreckon.report.replay.folder import write_views
@@ -62,9 +62,8 @@ def compare_and_write(
             log, robot, variants, fixes=fixes, smooth=smooth, workers=count, progress=report
         )
     with working(f"scoring {log.name}"):
-        drifts = comparison_drifts(comparison)
-        summary = summarise(comparison, robot, drifts=drifts, **origin)
-        scored = None if case is None else case_scores(case, comparison, summary, drifts)
+        summary = summarise(comparison, robot, **origin)
+        scored = None if case is None else case_scores(case, comparison, summary)
     with working("writing trajectories, tables and odometry"):
         write_exports(folder, comparison, robot, formats, summary["verdict"])
     # Free the runs: for a long log they take most of the memory.

@@ -30,8 +30,8 @@ def on_a_slope(offset: Pose = (0.0, 0.0, 0.0)) -> LiveEstimate:
 
 def test_odometry_has_height_roll_and_pitch_if_asked() -> None:
     one = on_a_slope()
-    flat = fill_odometry(MESSAGES.blank(ODOMETRY), one, "odom", "base_link")
-    full = fill_odometry(MESSAGES.blank(ODOMETRY), one, "odom", "base_link", planar=False)
+    flat = fill_odometry(MESSAGES.new(ODOMETRY), one, "odom", "base_link")
+    full = fill_odometry(MESSAGES.new(ODOMETRY), one, "odom", "base_link", planar=False)
     at, q = full.pose.pose.position, full.pose.pose.orientation
     assert (at.x, at.y, at.z) == tuple(one.pose3d.position)
     assert at.z > 0.05
@@ -54,7 +54,7 @@ def test_the_map_has_the_height_of_its_fixes() -> None:
     in_map = one.in_map(planar=False)
     placed = one.odom_in_map(planar=False)
     assert in_map.position[2] == pytest.approx(40.0, abs=2.0)
-    message = fill_transform(MESSAGES.blank(TRANSFORM), 0, "map", "odom", placed)
+    message = fill_transform(MESSAGES.new(TRANSFORM), 0, "map", "odom", placed)
     # Base frame in map by way of odom.
     height = message.transform.translation.z + one.pose3d.position[2]
     assert height == pytest.approx(in_map.position[2])

@@ -10,7 +10,8 @@ from icreckon import FixSpec, HeadingFix, Log, Scenario, compare, simulate
 from icreckon.estimator.base.frames import rotate, wrap_angle
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.comparison.initial_pose import ANY_HEADING, EXACT_ORIGIN, start_from_fixes
+from icreckon.replay.base.start import ANY_HEADING, EXACT_ORIGIN
+from icreckon.replay.comparison.initial_pose import start_from_fixes
 
 VARIANT = "constant-online"
 

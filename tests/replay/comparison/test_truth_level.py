@@ -12,7 +12,6 @@ from icreckon import Log, Run, Scenario, Terrain, compare, read_log, simulate, s
 from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.comparison.truth_level import levelled, spatial_scores
 
 ROBOT, VARIANT = load_robot("warthog"), "inertia-online"
@@ -101,7 +100,7 @@ def test_a_bag_keeps_the_truth_and_a_replay_scores_it(tmp_path: Path) -> None:
     results = summarise(comparison, ROBOT, series=True)
     gyro, one = (results["variants"][name] for name in ("gyro", VARIANT))
     assert one["rms_roll_deg"] < 0.5 * gyro["rms_roll_deg"]
-    truth = truths_of(comparison)[VARIANT].truth.poses
+    truth = comparison.truths[VARIANT].truth.poses
     alone = spatial_scores(comparison.runs[VARIANT].trajectory, truth, [(0, 2**62)])
     assert one["rms_pitch_deg"] == alone["rms_pitch_deg"]
     series = results["series"]

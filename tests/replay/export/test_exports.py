@@ -18,7 +18,6 @@ from icreckon.estimator.streaming.outputs import Run, icr_points
 from icreckon.replay.bags.writer import write_bag
 from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.comparison.compare import Comparison, compare
-from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.export.folder import write_exports, write_tum
 from icreckon.replay.export.formats import DEFAULT_FORMATS, FORMATS, parse_formats
 from icreckon.replay.export.log_bag import pose_messages
@@ -49,7 +48,7 @@ def test_the_truth_is_written_as_the_best_variant_is_scored_by(
     log = replace(log, fixes=None, truth=replace(log.truth, twists=None, tracks=None))
     found = compare(log, robot, ("gyro", "inertia-online"))
     write_exports(tmp_path, found, robot, ("tum",), {"best": "inertia-online"})
-    expected = truths_of(found)["inertia-online"].truth.poses.poses
+    expected = found.truths["inertia-online"].truth.poses.poses
     written = read_tum(tmp_path / "ground_truth.tum").poses
     np.testing.assert_allclose(written[:, :2], expected[:, :2], atol=1e-8)
     assert np.abs(written[:, :2] - found.log.truth.poses.poses[:, :2]).max() > 0.01

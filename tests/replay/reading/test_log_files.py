@@ -72,7 +72,7 @@ def test_late_messages_are_sorted(tmp_path: Path) -> None:
 
 
 def evidence(*rows) -> dict[str, Evidence]:
-    return {f"s{k}": Evidence(f"/t{k}", *row) for k, row in enumerate(rows)}
+    return {f"s{k}": Evidence(*row) for k, row in enumerate(rows)}
 
 
 @pytest.mark.parametrize(
