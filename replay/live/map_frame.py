@@ -2,7 +2,6 @@
 
 import math
 from collections import deque
-from typing import NamedTuple
 
 import numpy as np
 
@@ -11,19 +10,11 @@ from icreckon.estimator.base.frames import compose, relative, rotate, wrap_angle
 from icreckon.estimator.log.measurements import HeadingFix, Measurement, PositionFix
 from icreckon.estimator.robot.settings import wander_of
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.replay.base.start import CLEAR, SOON, align_path
-from icreckon.replay.live.base_frame import Pose
+from icreckon.replay.base.start import CLEAR, SOON, Start, align_path
 
 MOST_POSES = 2000  # most poses in `odom` that are kept for late fixes
 MOST_WAITING, LONGEST = 1000, 300.0
 """Most positions that are aligned with the path, and the longest time for which they are [s]."""
-
-
-class Placed(NamedTuple):
-    """Pose that somebody gives."""
-
-    pose: Pose  # of the centre of the tracks in map: x, y [m], yaw [rad]
-    sigma: Pose  # its standard deviations [m, m, rad]
 
 
 class MapFrame:
@@ -34,11 +25,14 @@ class MapFrame:
     gone far enough to show the heading by positions alone. A pose that somebody gives takes precedence.
     Parameters and biases are those learnt so far.
 
+    Args:
+        start: pose of the centre of the tracks in `map` to begin with; None to begin at a fix.
+
     Attributes:
         estimator: the estimator; None before it starts.
     """
 
-    def __init__(self, start: Placed | None = None) -> None:
+    def __init__(self, start: Start | None = None) -> None:
         self.estimator: PoseEstimator | None = None
         self._heading: HeadingFix | None = None  # newest one before the estimator starts
         # Newest poses in `odom`, with their stamps: fixes come late.
@@ -48,7 +42,7 @@ class MapFrame:
         self._start = start  # pose to which `restart` returns
         self._placed = start  # pose to start at with the next measurements, then None
 
-    def place(self, placed: Placed) -> None:
+    def place(self, placed: Start) -> None:
         """Start again at a pose with the next measurements; what was learnt is kept."""
         self._placed = placed
 

@@ -29,9 +29,10 @@ from icreckon.estimator.streaming.latencies import Latencies
 from icreckon.estimator.streaming.outputs import Snapshot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.bags.messages import planar_covariance
+from icreckon.replay.base.start import Start
 from icreckon.replay.live.base_frame import CENTRE, BaseFrame, Pose
 from icreckon.replay.live.inputs import LiveInputs, Subscription
-from icreckon.replay.live.map_frame import MapFrame, Placed
+from icreckon.replay.live.map_frame import MapFrame
 from icreckon.replay.live.reorder import ReorderBuffer
 from icreckon.replay.mapping.topics import TopicMap, topic_map, writable_topics
 
@@ -140,7 +141,7 @@ class LiveOdometry:
         self.warm = False  # True if learnt parameters were read from a file
         self.set_aside = ""  # warning of such a file that could not be used
         self.odom = self._begin()  # estimator without fixes
-        start = None if start_pose is None else Placed(self.base.centre(start_pose), START_SIGMA)
+        start = None if start_pose is None else Start(self.base.centre(start_pose), START_SIGMA)
         # None without fixes and start.
         self.map = MapFrame(start) if start or mapping.fixes is not None else None
         self._buffer = ReorderBuffer(reorder)
@@ -218,7 +219,7 @@ class LiveOdometry:
             )
         of_x, of_y, of_yaw = np.sqrt(variances).tolist()
         sigma = (of_x, of_y, of_yaw) if variances.any() else START_SIGMA
-        self.map.place(Placed(self.base.centre(pose), sigma))
+        self.map.place(Start(self.base.centre(pose), sigma))
         return True
 
     def save(self, path: Path) -> None:
