@@ -7,7 +7,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.frames import relative, rotate
 from icreckon.estimator.log.path_heading import PathHeadings, headings_by_path
-from icreckon.estimator.log.scores import even_grid, interpolate_poses, pieces
+from icreckon.estimator.log.scores import are_within, even_grid, interpolate_poses, pieces
 from icreckon.estimator.log.series import PoseSeries
 
 GRID_STEP, WINDOW = 0.1, 2.0  # distance of the starts of windows, and their length [s]
@@ -50,10 +50,7 @@ def _windows(places: PoseSeries, path: PoseSeries) -> tuple[Stamps, Stamps]:
     high = min(places.stamps[-1], path.stamps[-1]) - int(WINDOW / NANOSECOND)
     starts = even_grid(low, high, int(GRID_STEP / NANOSECOND), places.stamps)
     ends = starts + int(WINDOW / NANOSECOND)
-    piece_numbers = pieces(places.stamps, LARGEST_HOLE)
-    first = np.searchsorted(places.stamps, starts, side="right") - 1
-    last = np.minimum(np.searchsorted(places.stamps, ends), len(piece_numbers) - 1)
-    unbroken = piece_numbers[first] == piece_numbers[last]
+    unbroken = are_within(pieces(places.stamps, LARGEST_HOLE), places.stamps, starts, ends)
     return starts[unbroken], ends[unbroken]
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from heapq import merge
 from operator import attrgetter
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,13 +29,13 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
 )
 from icreckon.estimator.log.series import (
+    AnySeries,
     FixSeries,
     ImuSeries,
-    PoseSeries,
     TrackSpeedSeries,
     Truth,
-    TwistSeries,
     require_part,
+    rows_of,
 )
 
 NO_LIMIT = 1e300  # no stamp and no speed is rejected for being far from others
@@ -43,7 +43,6 @@ AT_A_TIME = 8192  # number of measurements of a log that are made at once
 
 _Maker = Callable[[Indexes], list[Measurement]]
 """Function from indices into a stream to its measurements, in that order."""
-_Series = TypeVar("_Series", TrackSpeedSeries, ImuSeries, PoseSeries, TwistSeries, FixSeries)
 
 
 @dataclass(frozen=True)
@@ -162,11 +161,8 @@ class Log:
                 f"to {self.end} ns; part(0.0, 10.0) takes seconds since its start"
             )
 
-        def cut(series: _Series) -> _Series:
-            inside = (series.stamps >= start) & (series.stamps <= end)
-            arrays: dict[str, Any] = vars(series)
-            parts = {name: array[inside] for name, array in arrays.items() if array is not None}
-            return replace(series, **parts)
+        def cut(series: AnySeries) -> AnySeries:
+            return rows_of(series, (series.stamps >= start) & (series.stamps <= end))
 
         truth = self.truth
         if truth is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,10 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.checks import require_kind, require_nanoseconds
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rpy_to_quaternion
+
+AnySeries = TypeVar(
+    "AnySeries", bound="TrackSpeedSeries | ImuSeries | PoseSeries | TwistSeries | FixSeries"
+)
 
 
 @dataclass(frozen=True)
@@ -93,9 +97,7 @@ class PoseSeries:
 
     def rows(self, which: Any) -> PoseSeries:
         """Poses of the rows that an index, a mask or a slice selects."""
-        optional = self.spatial, self.travelled
-        spatial, travelled = (None if values is None else values[which] for values in optional)
-        return PoseSeries(self.stamps[which], self.poses[which], spatial, travelled)
+        return rows_of(self, which)
 
 
 @dataclass(frozen=True)
@@ -166,6 +168,13 @@ class Truth:
         poses[:, 2] = np.nan
         known = replace(self.poses, poses=poses)
         return replace(self, poses=known, twists=None, tracks=None, headings=False)
+
+
+def rows_of(series: AnySeries, which: Any) -> AnySeries:
+    """Series of the rows that an index, a mask or a slice selects."""
+    arrays: dict[str, Any] = vars(series)
+    selected = {name: array[which] for name, array in arrays.items() if array is not None}
+    return replace(series, **selected)
 
 
 def running_integral(stamps: Stamps, values: NDArray[Any]) -> NDArray[Any]:

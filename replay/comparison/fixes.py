@@ -9,7 +9,7 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix, PoseFix
 from icreckon.estimator.log.scores import without_fixes
-from icreckon.estimator.log.series import FixSeries, PoseSeries, Truth
+from icreckon.estimator.log.series import FixSeries, PoseSeries, Truth, rows_of
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.reading.conversions import fit_for_truth
 
@@ -98,14 +98,12 @@ def with_fixes_within(log: Log, part: LogPart) -> Log:
             f"the part of the log that fixes are to be used in holds none of its {len(inside)} fixes, "
             f"which come from {first:.0f} to {last:.0f} s of {log.duration:.0f} s"
         )
-    antennas = None if fixes.antennas is None else fixes.antennas[inside]
-    used = FixSeries(fixes.stamps[inside], fixes.poses[inside], fixes.variances[inside], antennas)
     others = [
         measurement
         for measurement in log.others
         if not isinstance(measurement, HeadingFix | PoseFix) or start <= measurement.stamp <= end
     ]
-    return replace(log, fixes=used, others=tuple(others))
+    return replace(log, fixes=rows_of(fixes, inside), others=tuple(others))
 
 
 def scored_intervals(log: Log) -> list[tuple[int, int]]:
