@@ -1,4 +1,4 @@
-"""Held track speeds: newest values, age, acceleration, and error density if stale.
+"""Held track speeds: newest values, acceleration, and error densities if late or stale.
 
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
@@ -202,13 +202,15 @@ def is_hole(held: Clocked, stamp: int, hold: float) -> bool:
 
 
 def late_density(held: TrackRecord, start: int, end: int, settings: InputSettings) -> float:
-    """Error density of the yaw rate over a step [ns], since the track speeds are late [rad²/s].
+    """Error density of the yaw rate between two stamps [ns], as the track speeds are late [rad²/s].
 
-    Each is the average of the time before, and held for as long: in the mean, late by an interval.
+    A speed is the mean of the interval before its stamp, and held after it. At the middle of a step the
+    yaw rate has changed since then, at one standard deviation. Errors of steps count as independent.
     """
-    change = (held.acceleration_right - held.acceleration_left) * held.interval
-    late = change / settings.track_width
-    return late * late * ((end - start) * NANOSECOND)
+    dt = (end - start) * NANOSECOND
+    age = min(settings.hold, (start - held.stamp) * NANOSECOND + 0.5 * (dt + held.interval))
+    late = (held.acceleration_right - held.acceleration_left) * age / settings.track_width
+    return late * late * dt
 
 
 def speeds_at(held: TrackRecord, now: int, hold_ns: int) -> tuple[float, float]:
@@ -265,8 +267,9 @@ def coarse_density(held: TrackRecord, settings: InputSettings) -> float:
 
     It adds to that of the file, and is zero unless the measured noise is clearly larger.
     """
-    measured = SIGMA_OVER_MEAN_SIZE * held.noise
-    return max(0.0, 0.5 * measured * measured - MORE_NOISE * settings.track_density)
+    # The noise is that of the difference of both tracks.
+    of_each = 0.5 * SIGMA_OVER_MEAN_SIZE * SIGMA_OVER_MEAN_SIZE
+    return max(0.0, of_each * held.noise * held.noise - MORE_NOISE * settings.track_density)
 
 
 def gap_density(held: TrackRecord, start: int, end: int, settings: InputSettings) -> float:

@@ -237,7 +237,7 @@ def creep_density(coarse: float, interval: float, settings: InputSettings) -> fl
     """
     # Readings of an encoder have a variance of a sixth of a count's square; a distance below a count has
     # a third of it. White noise of this density leaves as much in the mean over the duration.
-    width, duration = settings.track_width, settings.duration_ns * NANOSECOND + interval
+    width, duration = settings.track_width, settings.duration_ns * NANOSECOND
     return 4.0 * coarse * interval / (width * width * duration)
 
 
