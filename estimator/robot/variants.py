@@ -170,7 +170,7 @@ def register(variant: Variant) -> None:
 def default_adaptation(variant: str, **changes: float) -> Adaptation:
     """Default adaptation of a variant, with changes.
 
-    The changes are values of `Adaptation` to replace, in its units.
+    `changes` are values of `Adaptation` by name, in its units.
 
     Raises:
         EstimatorError: an unknown variant or name, or an invalid value.
