@@ -107,7 +107,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         return model
 
     def _evaluate(self, left: float, right: float, slip_shares: Triple) -> TwistModel:
-        """Evaluate the motion model as `twist_model` does, but with its own derivatives."""
+        """Evaluate the motion model as `twist_model` does, without smoothed derivatives."""
         x = self.x.tolist()
         left_factor, right_factor = track_factors(x)
         slip_x, slip_y, slip_w = (
