@@ -69,8 +69,8 @@ class Fit:
     def not_contradicted(self, names: Iterable[str]) -> frozenset[str]:
         """Find parameters whose start, the robot file's value, the logs do not contradict.
 
-        Beginning with the one that is the most standard errors off, they are left out until chance
-        explains how far the others are off, each alone and all together (Wald's test at 1 %).
+        Parameters are left out, the one that is the most standard errors off first, until chance explains
+        how far the remaining ones are off, each alone and all together (Wald's test at 1 %).
         """
         from scipy.special import chdtri
 
@@ -90,11 +90,9 @@ class Fit:
         return frozenset(self.problem.names[place] for place in places)
 
     def with_start_of(self, names: Iterable[str]) -> Fit:
-        """Copy whose values of some parameters are their starts."""
-        values = self.values.copy()
-        for name in names:
-            place = self.problem.place(name)
-            values[place] = self.problem.start[place]
+        """Copy in which some parameters have their start values."""
+        values, places = self.values.copy(), [self.problem.place(name) for name in names]
+        values[places] = self.problem.start[places]
         return replace(self, values=values)
 
     def without(self, blocks: Flags) -> Floats:
@@ -118,8 +116,7 @@ def fit(
         initial: initial values of the search, by name; by default the parameters' own start.
         held: names of parameters held at their initial values from the outset.
     """
-    # Values at which parameters are held.
-    values, anchor = problem.start, problem.start
+    values, anchor = problem.start, problem.start  # parameters are held at the anchor
     threshold = _thresholds(problem)
     free = np.array([p.threshold > 0.0 and p.name not in held for p in problem.parameters], bool)
     for name, value in (initial or {}).items():
@@ -128,7 +125,7 @@ def fit(
         elif name in problem.names and free[problem.place(name)]:
             values[problem.place(name)] = value
     values, noise = _search(problem, values, free, loose=True)
-    _, total = _linearised(problem, values, noise)
+    _, total = _parts_of_fit(problem, values, noise)
     sigmas_all_free = _sigmas(total, free, threshold)
     shown = free & (sigmas_all_free <= threshold)
     # Hold unobservable parameters, one by one, until the rest is observable.
@@ -138,7 +135,7 @@ def fit(
         free[worst] = False
         values[worst] = anchor[worst]
     values, noise = _search(problem, values, free, loose=False, noise=noise)
-    parts, total = _linearised(problem, values, noise)
+    parts, total = _parts_of_fit(problem, values, noise)
     if (without_effect := free & (np.diag(total) <= 0.0)).any():
         # At a bound, as eta = 1, no residual depends on these parameters: they are held.
         names = {problem.names[place] for place in np.flatnonzero(without_effect)}
@@ -160,10 +157,13 @@ def fit(
     return result
 
 
-def _linearised(
+def _parts_of_fit(
     problem: Problem, values: Floats, noise: Noise
 ) -> tuple[tuple[Floats, Floats, Floats, Floats], Floats]:
-    """Parts of a `Fit` from its residuals on; total information (p, p)."""
+    """Last fields of a `Fit`, `residuals` to `score`, and total information (p, p).
+
+    The total, unlike that of each block, is corrected for the weights against outliers.
+    """
     residuals, jacobian = problem.linearised(values)
     fisher, score = information(noise, residuals, jacobian, problem.recording.block)
     total = fisher.sum(axis=0) * noise_model.flattening(noise, residuals)
@@ -173,9 +173,9 @@ def _linearised(
 def _search(
     problem: Problem, values: Floats, free: Flags, *, loose: bool, noise: Noise | None = None
 ) -> tuple[Floats, Noise]:
-    """Search values (p,) of `free` ones and noise by Gauss-Newton steps.
+    """Fit the `free` ones of values (p,), and the noise, by Gauss-Newton steps.
 
-    `loose` binds them softly to the initial values (`SOFT_BOUND`). Noise None is estimated.
+    `loose` binds them softly to their initial values (`SOFT_BOUND`). Noise of None is estimated first.
     """
     places, ridge = np.flatnonzero(free), SOFT_BOUND**-2.0 if loose else 0.0
     unit = _thresholds(problem)[places]
@@ -195,7 +195,7 @@ def _search(
         step = search.step(values, scaled, gradient)
         moved = search.moved(values, step, noise, search.cost(values, residuals, noise))
         if moved is None:
-            # No step helps; with noise that is estimated again the next one may.
+            # No step reduces the cost; after the noise has been estimated again, one may.
             if is_noise_settled:
                 break
             continue
@@ -215,7 +215,7 @@ class _Search(NamedTuple):
     places: NDArray[np.intp]  # (a,) places of the free parameters
     unit: Floats  # (a,) their threshold errors
     start: Floats  # (p,) initial values
-    ridge: float  # information of soft bounds about these, with parameters in threshold errors
+    ridge: float  # information of soft bounds about `start`, with parameters in threshold errors
 
     def cost(self, values: Floats, residuals: Floats, noise: Noise) -> float:
         """Cost of the residuals of values, and of their distance from the initial ones."""
@@ -243,7 +243,7 @@ class _Search(NamedTuple):
         Args:
             values: present values (p,).
             scaled: information (a, a), with parameters in threshold errors.
-            gradient: derivative (a,) of half the cost by these.
+            gradient: derivative (a,) of half the cost by parameters in threshold errors.
         """
         moves = np.ones(len(self.places), dtype=bool)
         for _ in range(len(self.places)):
@@ -296,10 +296,11 @@ def few_blocks(blocks: Floats | float) -> Floats:
 
 
 def _effective_blocks(result: Fit) -> Floats:
-    """Effective number (p,) of blocks by information (Satterthwaite)."""
+    """Effective number (p,) of blocks that determine each parameter (Satterthwaite)."""
     places, threshold = np.flatnonzero(result.free), _thresholds(result.problem)
     scaled = np.array([_scaled(fisher, places, threshold) for fisher in result.fisher])
     inverse = np.linalg.pinv(scaled.sum(axis=0), hermitian=True)
+    # Contribution (blocks, a) of each block to the variance of each free parameter.
     shares = np.einsum("ij,bjk,ki->bi", inverse, scaled, inverse)
     effective = np.ones(len(result.values))
     effective[places] = shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300)

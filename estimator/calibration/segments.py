@@ -98,11 +98,8 @@ class Recording:
     def ground_forces(self) -> Floats:
         """Forces (n, m, 2) at middles of cells: S over mass [m/s²], P [-]; zero if unset."""
         middles = 0.5 * (self.edges[:, 1:] + self.edges[:, :-1])
-        series: list[Series | None] = [None] * len(self.motions)
-        for log, motion in enumerate(self.motions):
-            if motion.forces is not None:
-                times, lateral, along = motion.forces
-                series[log] = times, np.column_stack([lateral, along])
+        forces = [motion.forces for motion in self.motions]
+        series = [own and (own.times, np.column_stack([own.lateral, own.along])) for own in forces]
         return self._interpolate(middles, series)
 
     def mean_force(self, marks: Indexes) -> Floats:
@@ -178,11 +175,11 @@ def _carried_over(poses: Floats, times: Floats, knot_times: Floats, path: Series
 
 
 def _weights_at_knots(knot: Indexes, after: Floats, after_initial: Floats, knots: int) -> Floats:
-    """Weights (p,) of poses `after` (p,) [s] their knots in the value at these.
+    """Weights (p,) of truth poses in the value at their knots.
 
-    The value is that of a line through all poses of a knot. If most lie on one side of it, a line would
-    amplify noise, and the value is their mean. The times by the initial lag decide which: a choice by the
-    lag that is estimated would make the residuals jump.
+    Poses are `after` (p,) their knots [s]. The value at a knot is that of a line through its poses. If
+    most of them lie on one side of it, a line would amplify noise, and the value is their mean. The times
+    by the initial lag, `after_initial` (p,), decide: with the present lag the residuals would jump.
     """
     poses_at, mean, variance = _moments(knot, after_initial, knots)
     has_line = (poses_at >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance)
@@ -211,9 +208,8 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     by_gyros = robot.imu.gyro_scale * SensorModels(robot).mounting[0]
     gyro = log_lag.turned(imu.stamps, imu.angular_velocity @ by_gyros)
     heading = log_lag.heading_of(poses)
-    found_lag = log_lag.find_lag(heading, gyro, least=log_lag.LEAST_TURN)
-    no_lag = found_lag if isinstance(found_lag, NoLag) else None
-    lag = 0.0 if isinstance(found_lag, NoLag) else found_lag.seconds
+    found = log_lag.find_lag(heading, gyro, least=log_lag.LEAST_TURN)
+    lag, no_lag = (0.0, found) if isinstance(found, NoLag) else (found.seconds, None)
     return Motion(
         log=log,
         track_times=track_times,

@@ -111,7 +111,7 @@ class Walk(msgspec.Struct):
 
 
 def _walk_from_first_tracks(stamps: SensorStamps) -> Steps:
-    """Walk through stamps [ns] from the first track speeds on."""
+    """Steps of a filter over these stamps [ns], from the first track speeds on."""
     tracks, imu, fixes, headings = stamps
     begin = int(tracks[0])
     most_steps = 2 * (len(tracks) + len(imu)) + len(fixes)

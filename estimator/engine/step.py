@@ -103,7 +103,7 @@ def twist_kernel(name: str, shape: FilterShape, numbers: Numbers | None = None) 
 
 
 class Step:
-    """Step of a lane: inputs and intermediate results that its parts use."""
+    """Step of a lane: inputs and intermediate results that its methods use."""
 
     def __init__(self, lane: Lane, kind: StepKind) -> None:
         self.lane, self.kind = lane, kind
@@ -112,18 +112,20 @@ class Step:
         self.slip = lane.slip
         self.imu_position = constant("imu_x"), constant("imu_y")
         self.noise = ImuNoise(*(step_input(f"{gate}_density") for gate in IMU_GATES))
-        self.smooth = step_input("smooth_left"), step_input("smooth_right")
+        self.smooth = step_input("smooth_left"), step_input("smooth_right")  # smoothed speeds [m/s]
         self.change = TrackChange(
             (step_input("acceleration_left"), step_input("acceleration_right")),
             step_input("acceleration_variance"),
         )
-        self.stands: Any = False
+        self.stands: Any = False  # True if the robot is found standing at the end of the step
+        # True if the robot may be pushed, with its tracks at rest; a standing one is not.
         self.pushed = step_input("slow") > 0.5
         if kind.stands:
             mean = step_input("quiet_mean")
             self.stands = mean == mean  # not NaN
             self.pushed = self.pushed & ~self.stands
         elif not kind.imu or kind.in_step:
+            # The kernel before, of this step or of the newest IMU sample, found if the robot stands.
             self.pushed = self.pushed & (lane.row("stood") < 0.5)
         else:
             lane.stores["stood"] = 0.0
@@ -131,12 +133,13 @@ class Step:
         if kind.draws and lane.shape.model.memory:
             lane.advance_model(constant("dt"), left, right)
         self.model = lane.smoothed_twist(left, right, self._shares())
+        # Rows (3,) of the derivatives of the twist by the parameters alone.
         self.regressors = tuple(
             {i: row[i] for i in lane.layout.parameters if i in row} for row in self.model.rows
         )
 
     def _fades(self) -> list[GaussMarkov]:
-        """Gauss-Markov processes of the slip, each over the step."""
+        """Gauss-Markov processes of the slip, one for each component, over the step."""
         lane = self.lane
         times = model.slip_times(self.slip.time_constant, lane.row("slip_factor"))
         return [model.gauss_markov(lane.constant("dt"), tau) for tau in times]

@@ -30,27 +30,27 @@ NO_WHEEL = -1
 LEAST_APART, SHARE_OF_FASTEST = 0.15, 0.1
 # Distance by which wheels must have disagreed to be reported [m], and time of agreement that ends it [s].
 LEAST_ODD_DISTANCE, AGREEMENT_TIME = 0.1, 0.2
-# The gyro decides between two speeds if one is as near to that which it shows as this share of their
-# distance, the error of the latter included.
+# The gyro decides between two speeds of a side: one must be nearer to the speed by the gyro, whose error
+# is added, than this share of the distance of the two.
 NEAR_SHARE = 0.3
-# That error: this many standard deviations of the robot's bends, at least this share of the difference of
-# the sides; and before bends have shown how the robot turns, for each rad/s [m].
+# Error of the speed by the gyro: this many standard deviations of the robot's bends, at least this share
+# of the difference of the sides; and before bends have shown how the robot turns, for each rad/s [m].
 SIGMAS, LEAST_ERROR_SHARE, UNKNOWN_WIDTH = 3.0, 0.15, 2.0
 
 
 class WheelsRecord(msgspec.Struct):
     """Record of the wheels of one side."""
 
-    since: Stamp = NEVER  # stamp from which on they disagree [ns], or NEVER
-    newest: Stamp = NEVER  # stamp of the newest sample in which they did [ns], or NEVER
-    decided: Stamp = NEVER  # stamp of the last certainty which is right [ns], or NEVER
+    since: Stamp = NEVER  # stamp of the first sample in which they disagree [ns], or NEVER
+    newest: Stamp = NEVER  # stamp of the newest sample in which they disagree [ns], or NEVER
+    decided: Stamp = NEVER  # newest sample in which the right wheel was certain [ns], or NEVER
     # index of the wheel that is not used, or `NO_WHEEL`
     odd: Annotated[int, msgspec.Meta(ge=NO_WHEEL)] = NO_WHEEL
     # distance of that wheel from the side's speed, or else of both possible speeds from their mean [m/s]
     apart: Size = 0.0
-    doubt: Size = 0.0  # standard deviation of the side's speed by that uncertainty [m/s]
+    doubt: Size = 0.0  # standard deviation of the side's speed while no wheel is certain [m/s]
     way: Size = 0.0  # distance by which the wheels have disagreed [m]
-    samples: Count = 0  # number of samples in which they did
+    samples: Count = 0  # number of samples in which they disagree
     times: Count = 0  # number of times that they were found to disagree
 
 
@@ -221,13 +221,16 @@ def take_side(
 
 
 def wheel_density(side: WheelsRecord, newest: int, start: int, end: int) -> float:
-    """Error density of a side in doubt, over a step from start to end [ns] [m²/s].
+    """Density of the error of a side's speed by wheels that disagree [m²/s].
 
-    The density is zero unless the wheels disagree in the `newest` track speeds [ns].
+    The error of the speed is constant, with the standard deviation `side.doubt`: after a time t the
+    variance of the distance is (doubt t)², which grows by 2 doubt² t per second. The density is the mean
+    of this over a step from `start` to `end` [ns]. It is zero unless the wheels disagree in the newest
+    track speeds, of the stamp `newest` [ns].
     """
     if side.doubt == 0.0 or side.newest != newest or newest == NEVER:
         return 0.0
     since = max(side.since, side.decided)
-    # The distance is off by the doubt times its duration, at one standard deviation.
+    # Time t in the middle of the step [s].
     age = max(0.0, 0.5 * (start - since + end - since) * NANOSECOND)
     return 2.0 * side.doubt * side.doubt * age

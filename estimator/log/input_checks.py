@@ -282,7 +282,7 @@ class Admission:
 
     def __init__(self, longest_gap: float, fastest: float) -> None:
         self.longest_gap = int(longest_gap / NANOSECOND)
-        self._absurd = ABSURD_SPEED * fastest
+        self._fastest_plausible = ABSURD_SPEED * fastest  # [m/s]
         self.witnesses: dict[str, tuple[int, int]] = {}
         self.behind: list[Measurement] = []
 
@@ -297,7 +297,7 @@ class Admission:
                 force is None or _are_usual(force, ABSURD_FORCE)
             )
         elif kind is TrackSpeeds:
-            left, right, most = m.left, m.right, self._absurd
+            left, right, most = m.left, m.right, self._fastest_plausible
             is_usual = (
                 type(left) is type(right) is float
                 and -most <= left <= most
@@ -336,6 +336,8 @@ class Admission:
     def objection(self, measurement: Measurement) -> str | None:
         """Reason to reject measured values; None admits them.
 
+        Implausible sizes are tested first, then single fields and their noise.
+
         Args:
             measurement: the measurement, as returned by `as_plain`.
         """
@@ -345,29 +347,27 @@ class Admission:
             speeds: Speeds = (measurement.left, measurement.right)
             if measurement.left_wheels or measurement.right_wheels:
                 speeds += measurement.left_wheels + measurement.right_wheels
-            return _objection_to_size(speeds, self._absurd, "absurdly fast")
+            return _objection_to_size(speeds, self._fastest_plausible, "absurdly fast")
         if isinstance(measurement, ImuSample):
             rates, force = measurement.angular_velocity, measurement.linear_acceleration
             objections = [_objection_to_size(rates, ABSURD_RATE, "absurd rate")]
             if force is not None:
                 objections.append(_objection_to_size(force, ABSURD_FORCE, "absurd force"))
-            # A value that is not finite is the first reason, in either.
+            # Of the reasons to reject rates and force, a value that is not finite comes first.
             return NOT_FINITE if NOT_FINITE in objections else objections[0] or objections[-1]
+        objection = None
         if isinstance(measurement, BodyVelocity):
             speeds = measurement.v_x, measurement.v_y
-            objection = _objection_to_size(speeds, self._absurd, "absurdly fast")
-            if objection not in (None, NOT_FINITE):
-                return objection
-        if isinstance(measurement, PositionFix | PoseFix | HeightFix):
-            names = ("z",) if isinstance(measurement, HeightFix) else ("x", "y")
-            place = tuple(getattr(measurement, name) for name in names)
+            objection = _objection_to_size(speeds, self._fastest_plausible, "absurdly fast")
+        elif isinstance(measurement, HeightFix):
+            objection = _objection_to_size((measurement.z,), ABSURD_DISTANCE, "absurdly far")
+        elif isinstance(measurement, PositionFix | PoseFix):
+            place = measurement.x, measurement.y
             objection = _objection_to_size(place, ABSURD_DISTANCE, "absurdly far")
             if objection is None and isinstance(measurement, PositionFix):
-                lever = measurement.forward, measurement.left, measurement.up
-                objection = _objection_to_size(lever, ABSURD_LEVER, "absurdly far")
-            if objection not in (None, NOT_FINITE):
-                return objection
-        return _objection_to_fields(measurement)
+                antenna = measurement.forward, measurement.left, measurement.up
+                objection = _objection_to_size(antenna, ABSURD_LEVER, "absurdly far")
+        return objection or _objection_to_fields(measurement)
 
     def objection_to_stamp(self, stream: str, stamp: int, now: int | None) -> str | None:
         """Reason to reject a stamp far ahead, unless others of its stream agree; or None.
@@ -377,7 +377,7 @@ class Admission:
         Args:
             stream: name of the stream.
             stamp: stamp of the measurement [ns].
-            now: stamp of the estimate [ns], or None before the first.
+            now: stamp of the estimate [ns]; None before the first estimate.
         """
         if now is None or stamp - now <= self.longest_gap:
             if self.witnesses:
@@ -390,12 +390,11 @@ class Admission:
         return None if agree else "stamp far ahead"
 
 
-def _objection_to_size(values: Sequence[float], most: float, absurd: str) -> str | None:
-    """Reason to reject values: `NOT_FINITE`, or `absurd` if one is larger than `most`."""
+def _objection_to_size(values: Sequence[float], most: float, reason: str) -> str | None:
+    """Return `NOT_FINITE`, or the `reason` if a value is larger than `most`, or None."""
     for value in values:
-        # True for a value that is not a number, too.
-        if not -most <= value <= most:
-            return absurd if all(map(math.isfinite, values)) else NOT_FINITE
+        if not -most <= value <= most:  # written so that it holds for NaN, too
+            return reason if all(map(math.isfinite, values)) else NOT_FINITE
     return None
 
 
@@ -419,7 +418,7 @@ def _objection_to_fields(measurement: Measurement) -> str | None:
 
 
 def _objection_to_sigma(sigma: float | Sequence[float]) -> str | None:
-    """Reason to reject sigmas that, or whose squares, are zero or infinite."""
+    """Reason to reject a sigma that is not positive, or whose square is 0 or infinite."""
     sigmas = sigma if isinstance(sigma, tuple) else (sigma,)
     are_positive = all(one > 0.0 < one * one < math.inf for one in sigmas)
     return None if are_positive else "sigma not positive"

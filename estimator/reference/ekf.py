@@ -51,8 +51,8 @@ from icreckon.estimator.motion.propagation import (
 from icreckon.estimator.sensors.held_tracks import smoothing_share
 from icreckon.estimator.sensors.measurement_models import POSE_FIXED, gyro_fixed, imu_fixed
 
-# Ends of the derivatives by slip, parameters and track speeds among those of a twist.
-PARTS = (3, 3 + s.PARAMETER_COUNT, 5 + s.PARAMETER_COUNT)
+# First columns of `by_speeds`, `by_slip` and `by_gravity` in `TwistDerivatives` side by side.
+COLUMNS = (s.PARAMETER_COUNT, s.PARAMETER_COUNT + 2, s.PARAMETER_COUNT + 5)
 # Paper's axes to REP-103: forward is the paper's second, left is minus its first.
 TO_REP103 = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
@@ -107,21 +107,18 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         return model
 
     def _evaluate(self, left: float, right: float, slip_shares: Triple) -> TwistModel:
+        """Evaluate the motion model as `twist_model` does, without smoothed derivatives."""
         x = self.x.tolist()
-        of_left, of_right = track_factors(x)
-        forward, sideways, turning = (
+        left_factor, right_factor = track_factors(x)
+        slip_x, slip_y, slip_w = (
             share * slow + fast
             for share, slow, fast in zip(slip_shares, x[s.SLIP], x[s.FAST_SLIP], strict=True)
         )
-        # REP-103 slip in the paper's axes: right is minus left.
-        slip = (-sideways, forward, turning)
-        motion, by = self.model.linearise(
-            left * of_left, right * of_right, x[s.PARAMETERS], slip, gravity_in(x)
-        )
-        parts = zip(by.by_slip, by.by_parameters, by.by_speeds, by.by_gravity, strict=True)
-        rows = np.array([[value for part in row for value in part] for row in parts])
-        by_all = TO_REP103.dot(rows)
-        by_slip, by_parameters, by_speeds, by_gravity = np.split(by_all, PARTS, axis=1)
+        # The motion model has the paper's axes: right, which is minus left, and forward.
+        speeds, slip = (left * left_factor, right * right_factor), (-slip_y, slip_x, slip_w)
+        motion, derivatives = self.model.linearise(*speeds, x[s.PARAMETERS], slip, gravity_in(x))
+        by_all = TO_REP103.dot(np.hstack(derivatives))
+        by_parameters, by_speeds, by_slip, by_gravity = np.split(by_all, COLUMNS, axis=1)
         by_slip = by_slip.dot(TO_REP103.T)
         jacobian = np.zeros((3, s.SIZE))
         jacobian[:, s.SLIP] = by_slip * slip_shares
@@ -129,17 +126,18 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         jacobian[:, s.PARAMETERS] = by_parameters
         jacobian[:, s.TRACK_SCALE] = by_speeds.dot((left, right))
         jacobian[:, s.TRACK_DIFFERENCE] = by_speeds.dot((-0.5 * left, 0.5 * right))
-        jacobian[:, s.GRAVITY_X], jacobian[:, s.GRAVITY_Y] = by_gravity[:, 1], -by_gravity[:, 0]
-        v_x, v_y, w = motion.twist
-        by_speeds = by_speeds * (of_left, of_right)
-        return TwistModel(np.array([v_y, -v_x, w]), jacobian, by_speeds, motion)
+        by_right, by_forward = by_gravity.T
+        jacobian[:, s.GRAVITY_X], jacobian[:, s.GRAVITY_Y] = by_forward, -by_right
+        rightward, forward, w = motion.twist
+        by_measured = by_speeds * (left_factor, right_factor)
+        return TwistModel(np.array([forward, -rightward, w]), jacobian, by_measured, motion)
 
     def begin_step(self, dt: float, left: float, right: float) -> None:
         """Begin a step of `dt` seconds at mean track speeds [m/s] in the motion model."""
         if not isinstance(self.model, Unremembering):
             x = self.x.tolist()
-            of_left, of_right = track_factors(x)
-            speeds = left * of_left, right * of_right
+            left_factor, right_factor = track_factors(x)
+            speeds = left * left_factor, right * right_factor
             self.model.begin_step(dt, *speeds, x[s.PARAMETERS], gravity_in(x))
 
     @property
@@ -148,20 +146,22 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         return 0.0 if self.regressors is None else self.regressors.item(2, s.PARAMETER_COUNT)
 
     def _regressors_at(self, left: float, right: float, shares: Triple) -> Floats:
-        """Regressors (3, 10) at the turn that both tracks and yaw rate show.
+        """Regressors (3, 10) at the yaw rate that both the tracks and the estimate show.
 
         So noise of either moves no parameter and no bias (errors in variables).
         """
         x, now = self.x, self._evaluate(left, right, shares)
-        of_tracks = now.twist[2] - (shares[2] * x[s.SLIP_W] + x[s.FAST_SLIP][2])
-        both = min(now.twist[2], of_tracks, key=abs) if now.twist[2] * of_tracks > 0.0 else 0.0
-        by = now.by_speeds[2]
-        left, right = np.array((left, right)) + by * ((both - of_tracks) / by.dot(by))
+        estimated = now.twist[2]
+        by_tracks = estimated - (shares[2] * x[s.SLIP_W] + x[s.FAST_SLIP][2])
+        shown = min(estimated, by_tracks, key=abs) if estimated * by_tracks > 0.0 else 0.0
+        # Least change of the track speeds that gives this yaw rate without slip.
+        slope = now.by_speeds[2]
+        left, right = np.array((left, right)) + slope * ((shown - by_tracks) / slope.dot(slope))
         self.x = x.copy()
         self.x[s.SLIP] = self.x[s.FAST_SLIP] = 0.0
         derivatives = self._evaluate(left, right, shares).jacobian[:, s.PARAMETERS]
         self.x = x
-        return np.column_stack([derivatives, [0.0, 0.0, both]])
+        return np.column_stack([derivatives, [0.0, 0.0, shown]])
 
     def predict_motion(
         self,

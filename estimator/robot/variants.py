@@ -170,17 +170,16 @@ def register(variant: Variant) -> None:
 def default_adaptation(variant: str, **changes: float) -> Adaptation:
     """Default adaptation of a variant, with changes.
 
-    The changes are values of `Adaptation` to replace, in its units.
+    `changes` are values of `Adaptation` by name, in its units.
 
     Raises:
         EstimatorError: an unknown variant or name, or an invalid value.
     """
     default = DEFAULT_ADAPTATION[find_variant(variant).model]
+    names = list(default.__struct_fields__)
     for name in changes:
-        if name not in default.__struct_fields__:
-            raise EstimatorError(
-                f"Adaptation has no {name!r}{nearest_hint(name, list(default.__struct_fields__))}"
-            )
+        if name not in names:
+            raise EstimatorError(f"Adaptation has no {name!r}{nearest_hint(name, names)}")
     return msgspec.structs.replace(default, **changes)
 
 

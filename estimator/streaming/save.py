@@ -66,8 +66,8 @@ class SavedEstimator(Bounded, frozen=True):
     witnesses: dict[str, tuple[Count, int]]  # see `icreckon.estimator.log.input_checks.Admission`
     latencies: Latencies = Latencies()  # latencies of the stamps
     estimated_latency: Latency = 0.0  # part of the track speeds' latency that was estimated [s]
-    behind: tuple[tuple[Any, ...], ...] = ()  # too old ones, see `Admission`
-    watch: TrackLatencyMemory | None = None  # of the track speeds' latency, if any
+    behind: tuple[tuple[Any, ...], ...] = ()  # rows of too old measurements, see `Admission`
+    watch: TrackLatencyMemory | None = None  # memory of the watch over the tracks' latency, if any
 
     def require_fit(
         self, robot: Robot, variant: str | None, source: str, *, to_continue: bool
@@ -106,7 +106,7 @@ def robot_constants(robot: Robot) -> dict[str, Any]:
 
 
 def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
-    """Write a saved estimator, moved into place whole; `EstimatorError` if that fails."""
+    """Write a saved estimator, in one piece or not at all; `EstimatorError` if not."""
     if path.exists() and not (overwrite and path.is_file()):
         raise EstimatorError(f"{path} exists already; give overwrite=True to replace a file")
     content = msgspec.to_builtins(saved, enc_hook=_to_plain)
@@ -115,11 +115,11 @@ def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
         numbers = [*checkpoint["state"], *np.ravel(checkpoint["covariance"]), *checkpoint["model"]]
         if not np.isfinite(numbers).all():
             raise EstimatorError(f"{path}: not written, the estimate is not finite")
-        # The wander of the fixes is after the states of the variant, if it is estimated.
+        # In the file, states are listed by name: those of the variant, then the wander of the fixes if
+        # it is estimated. States that the variant lacks have an empty name, and are zero.
         wander = s.WANDER_NAMES[: len(checkpoint["state"]) - len(names)]
-        values = zip((*names, *wander), checkpoint["state"], strict=True)
-        # States that the variant lacks have no name, and are zero.
-        checkpoint["state"] = {name: value for name, value in values if name}
+        states = zip((*names, *wander), checkpoint["state"], strict=True)
+        checkpoint["state"] = {name: value for name, value in states if name}
     document = {"format": FORMAT, "version": VERSION}
     document |= {"checksum": _checksum(content), "content": content}
     try:
@@ -176,7 +176,7 @@ def _from_plain(_kind: type, value: Any) -> Any:
 
 
 def _checksum(content: Any) -> str:
-    """Checksum of the content in its compact form, in which line breaks do not count."""
+    """Checksum of the content as compact JSON, which is without line breaks."""
     return hashlib.sha256(msgspec.json.encode(content)).hexdigest()
 
 
@@ -247,7 +247,7 @@ def require_sound(checkpoint: FilterCheckpoint, ekf: Ekf, *, to_continue: bool =
 
 
 def _require_size(values: Floats, name: str) -> None:
-    """Require values of at most `LARGEST_STATE`; NaN is none of them."""
+    """Require sizes of at most `LARGEST_STATE`, and no NaN; `ValueError` otherwise."""
     if not np.abs(values).max(initial=0.0) <= LARGEST_STATE:
         raise ValueError(f"{name} is beyond {LARGEST_STATE:g}")
 

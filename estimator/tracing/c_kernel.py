@@ -165,7 +165,7 @@ def _results_of(loop_node: Traced) -> list[Traced | None]:
     results: list[Traced | None] = [None] * len(loop_node.args)
     for node in Traced._nodes.values():
         if node.op == "result" and node.args[0] is loop_node:
-            results[node.extra] = node
+            results[node.extra] = node  # the place of a result is its `extra`
     return results
 
 

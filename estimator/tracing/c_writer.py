@@ -18,7 +18,7 @@ LIBRARY = "icreckon."
 ARITHMETIC = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
 COMPUTED: dict[type, Any] = dict(zip(ARITHMETIC, (add, sub, mul, truediv), strict=True))
 RELATION = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
-OF_COMPLEX = {ast.Add: "sum", ast.Sub: "difference", ast.Mult: "product"}
+COMPLEX_FUNCTIONS = {ast.Add: "sum", ast.Sub: "difference", ast.Mult: "product"}
 BESSEL = ("j0", "y0", "y1", "yn")
 RESERVED = ("new", "this", "real", "short", "long", "int", "float", "double", *BESSEL)
 OF_MATH = ("sqrt", "exp", "expm1", "cos", "sin", "atan2")
@@ -53,15 +53,15 @@ SCALARS = {
 }
 ELEMENTS = {"real": "real", "int": "int64_t", "place": "const uint16_t"}
 REAL, INT, BOOL, COMPLEX, NONE = (Type(kind) for kind in SCALARS)
-NUMBERS = (BOOL, INT, REAL, COMPLEX)
+NUMBERS = (BOOL, INT, REAL, COMPLEX)  # from the narrowest to the widest
 
 
 class Code(NamedTuple):
-    """C expression and its type; `value` is that of a constant."""
+    """C expression with its type."""
 
     text: str
     type: Type
-    value: Any = None
+    value: Any = None  # value of a constant, otherwise None
 
 
 class FunctionWriter:
@@ -211,8 +211,7 @@ class FunctionWriter:
 
     def _return(self, value: ast.expr) -> None:
         code = self._code(value, self.result)
-        if self.result is None:
-            self.result = code.type
+        self.result = self.result or code.type
         self._add(f"return {self._as(code, self.result).text};")
 
     def _assign(self, targets: Sequence[ast.expr], value: ast.expr) -> None:
@@ -390,20 +389,19 @@ class FunctionWriter:
         return Code(f"{owner.text}[{text}]", element)
 
     def _arithmetic(self, node: ast.AST, op: ast.operator, left: Code, right: Code) -> Code:
-        """Sum, difference, product, quotient or power; that of constants is computed here."""
+        """Arithmetic on two expressions; its value if both are constants."""
         if isinstance(op, ast.Pow):
             return self._power(node, left, right)
         if type(op) not in ARITHMETIC:
             raise self._fail(node)
-        common = max(left.type, right.type, key=NUMBERS.index)
-        if isinstance(op, ast.Div):
-            common = max(common, REAL, key=NUMBERS.index)
-        common = INT if common == BOOL else common
         if left.value is not None and right.value is not None:
             return self._constant(COMPUTED[type(op)](left.value, right.value), node)
+        # As in Python, the wider type of both; but quotients are real, and bools are integers.
+        least = REAL if isinstance(op, ast.Div) else INT
+        common = max(left.type, right.type, least, key=NUMBERS.index)
         a, b = self._as(left, common).text, self._as(right, common).text
         if common == COMPLEX:
-            return Code(f"complex_{OF_COMPLEX[type(op)]}({a}, {b})", common)
+            return Code(f"complex_{COMPLEX_FUNCTIONS[type(op)]}({a}, {b})", common)
         return Code(f"({a} {ARITHMETIC[type(op)]} {b})", common)
 
     def _power(self, node: ast.AST, base: Code, power: Code) -> Code:
@@ -438,7 +436,7 @@ class FunctionWriter:
         return Code(f"(({self._truth(test)}) ? {yes} : {no})", common)
 
     def _tuple(self, values: Sequence[Code], wanted: Type | None = None) -> Code:
-        """Assign values to a new tuple, of the `wanted` type or that of the values."""
+        """Assign values to a new tuple, of the `wanted` type or the types of the values."""
         if wanted is None or wanted.kind != "tuple":
             fields = [(f"_{k}", value.type) for k, value in enumerate(values)]
             wanted = self._functions.tuple_type(fields)
@@ -519,13 +517,14 @@ class FunctionWriter:
         raise self._fail(node)
 
     def _absolute(self, code: Code) -> Code:
+        """Absolute value of a number."""
         if code.type == INT:
             return Code(f"larger_int({code.text}, -({code.text}))", INT)
         return Code(f"{function_name('fabs', self._bits)}({self._as(code, REAL).text})", REAL)
 
     def _extreme(self, name: str, args: Sequence[Code]) -> Code:
-        common = max((arg.type for arg in args), key=NUMBERS.index)
-        common = INT if common == BOOL else common
+        """Smallest or largest of numbers, by the builtin "min" or "max"."""
+        common = max(INT, *(arg.type for arg in args), key=NUMBERS.index)
         called = {"min": "smaller", "max": "larger"}[name] + ("_int" if common == INT else "")
         text = self._as(args[0], common).text
         for arg in args[1:]:
@@ -534,7 +533,7 @@ class FunctionWriter:
 
 
 def _safe(name: str) -> str:
-    """Name of a variable that C, C++ and `math.h` do not have."""
+    """Name of a variable in C, changed if C, C++ or `math.h` reserve it."""
     return f"{name}_" if name in (*OF_MATH, *RESERVED) else name
 
 

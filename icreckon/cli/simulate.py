@@ -2,6 +2,7 @@
 
 import shlex
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -155,7 +156,7 @@ def _changed_scenario(file: Path | None, changes: list[dict[str, Any]]) -> Scena
 
 
 def _given(**options: Any) -> dict[str, Any]:
-    """Options of the command line that were given: None stands for the others."""
+    """Options of the command line that were given; the others are None."""
     return {name: value for name, value in options.items() if value is not None}
 
 
@@ -172,10 +173,8 @@ def _setting(text: str) -> dict[str, Any]:
 
 def _value(written: str) -> Any:
     """Value as in TOML, else a number that TOML refuses (as .5), else the text itself."""
-    try:
+    with suppress(tomllib.TOMLDecodeError):
         return tomllib.loads(f"value = {written}")["value"]
-    except tomllib.TOMLDecodeError:
-        pass
     try:
         return float(written)
     except ValueError:
@@ -183,6 +182,7 @@ def _value(written: str) -> Any:
 
 
 def _outage(text: str) -> list[float]:
+    """Start and end of an outage [s], from a text such as "100:300"."""
     try:
         start, end = (float(word) for word in text.split(":"))
     except ValueError:

@@ -100,8 +100,8 @@ def unpack(data: bytes, compression: str, *, up_to_damage: bool = False) -> byte
     """Decompress a chunk or a message of a bag, packed by "zstd", "lz4" or "bz2".
 
     Raises:
-        ReplayError: it unpacks to more than the limit; damage raises one of `DAMAGE` unless what comes
-            before it is wanted.
+        ReplayError: the data unpack to more than the limit. Damaged data raise one of `DAMAGE`, but with
+            `up_to_damage` the bytes before the damage are returned.
     """
     packed = (data[start : start + PACKED_PIECE] for start in range(0, len(data), PACKED_PIECE))
     unpacked = bytearray()
@@ -112,10 +112,10 @@ def unpack(data: bytes, compression: str, *, up_to_damage: bool = False) -> byte
 
 
 def unpack_file(packed: Path, target: Path, limit_bytes: int) -> bool:
-    """Decompress a file (zstd) up to its damage; return True if there is none.
+    """Decompress a file (zstd) up to its damage; return True if it is undamaged.
 
     Raises:
-        ReplayError: it unpacks to more than `limit_bytes`.
+        ReplayError: the file unpacks to more than `limit_bytes`.
         OSError: a file cannot be read or written.
     """
     with packed.open("rb") as source, target.open("wb") as sink:

@@ -53,7 +53,7 @@ LEAST_SCALE, LEAST_IN_BENDS = 0.03, 0.1
 OTHER_TRACK = 1.4
 LEAST_LATENCY = 0.07
 SCALE_BY_FORCE = 0.35  # least reported scale error by accelerometer [-]: suspensions squat
-AGREEING = 1.2  # factor between regressions of force on tracks and tracks on force that agree
+AGREEING = 1.2  # largest factor between the bounds of a scale by accelerometer that agree
 SIDES, RATIO = "sides", "ratio of the sides"
 FAILED = {SIDES, RATIO}  # checks of a side that fails
 # Usual errors of a scale, as true over assumed.
@@ -155,15 +155,10 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     ratio = float(vertical.std()) / spread if spread else 0.0
     lowest, highest = DEGREES
     if lowest < ratio < highest:
-        yield Check(
-            "unit of the gyro",
-            "rad/s",
-            f"{ratio:.0f} times the tracks' turning",
-            f"the gyro reads {ratio:.0f} times what the tracks turn: it is in deg/s",
-            'rate_unit = "deg/s" in [log.imu]',
-            _in_radians,
-            Measured(ratio, "-", 1.0),
-        )
+        in_log = f"{ratio:.0f} times the tracks' turning"
+        problem = f"the gyro reads {ratio:.0f} times what the tracks turn: it is in deg/s"
+        remedy, measured = 'rate_unit = "deg/s" in [log.imu]', Measured(ratio, "-", 1.0)
+        yield Check("unit of the gyro", "rad/s", in_log, problem, remedy, _in_radians, measured)
     check = replace(check, measured=Measured(correlation, "-", 1.0))
     yield _clear_turning(log, log.imu, robot, check, turns_alike=correlation > 0.0)
 
@@ -293,7 +288,6 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
             check = replace(check, in_log=f"{in_log}; counts from {LEAST_LATENCY:g} s on")
         yield check
         return
-
     table = mapped_table(robot, "tracks")
     size = f"{abs(lag.seconds):.2f} s {'late' if lag.seconds > 0.0 else 'early'}"
     yield check.contradicted(
@@ -372,8 +366,8 @@ def _guess(ratio: float, robot: Robot) -> str:
 
 
 def _scale_by_force(tracks: TrackSpeedSeries, imu: ImuSeries, robot: Robot) -> Estimate | None:
-    """Forward acceleration over the change of track speed [-]; None if unclear."""
-    # Both are means over successive intervals of `imu_mounting.SMOOTHING`.
+    """Scale of the track speeds, by the acceleration of the IMU [-]; None if unclear."""
+    # Accelerations are means over successive intervals of `imu_mounting.SMOOTHING`.
     stamps, (_, force) = imu.stamps, in_base(imu, robot)
     if force is None:
         return None
@@ -384,29 +378,29 @@ def _scale_by_force(tracks: TrackSpeedSeries, imu: ImuSeries, robot: Robot) -> E
         return None
     speed = np.interp(stamps, tracks.stamps, tracks.speeds.mean(axis=1))
     edges = slice(0, count * width + 1, width)
-    acceleration = np.diff(speed[edges]) / (np.diff(stamps[edges]) * NANOSECOND)
-    forward = force[: count * width, 0].reshape(count, width).mean(axis=1)
-    is_known = np.isfinite(forward)
-    # Differences of neighbours: slopes and bias change slowly.
-    change, forward = np.diff(acceleration[is_known]), np.diff(forward[is_known])
+    of_tracks = np.diff(speed[edges]) / (np.diff(stamps[edges]) * NANOSECOND)
+    of_imu = force[: count * width, 0].reshape(count, width).mean(axis=1)
+    is_known = np.isfinite(of_imu)
+    # Changes from one interval to the next are free of slopes and bias, which change slowly.
+    by_tracks, by_imu = np.diff(of_tracks[is_known]), np.diff(of_imu[is_known])
 
     def slope(rows: NDArray[np.int_]) -> float:
-        x, y = change[rows], forward[rows]
+        x, y = by_tracks[rows], by_imu[rows]
         return float(x @ y / (x @ x))
 
-    if not change.any():
+    if not by_tracks.any():
         return None
-    ratio, sigma = jackknifed(slope, len(change))
-    if ratio <= 0.0 or sigma >= 0.1 * ratio:
+    scale, sigma = jackknifed(slope, len(by_tracks))
+    if scale <= 0.0 or sigma >= 0.1 * scale:
         return None
-    # Noise of the tracks reduces this slope, noise of the force raises that of the inverse regression:
-    # the scale lies between both. Unless they agree, the one nearer to 1 counts.
-    most = float(forward @ forward / (change @ forward))
-    if most > AGREEING * ratio:
-        if ratio < 1.0 < most:
+    # Noise of the tracks makes this slope too small; noise of the IMU makes the inverse of the slope of
+    # tracks over IMU too large. Unless these two bounds agree, the one nearer to 1 counts.
+    largest = float(by_imu @ by_imu / (by_tracks @ by_imu))
+    if largest > AGREEING * scale:
+        if scale < 1.0 < largest:
             return None
-        ratio = min(ratio, most, key=lambda scale: abs(math.log(scale)))
-    return Estimate(ratio, sigma, "accelerometer")
+        scale = min(scale, largest, key=lambda bound: abs(math.log(bound)))
+    return Estimate(scale, sigma, "accelerometer")
 
 
 def is_other_track(ratio: float) -> bool:

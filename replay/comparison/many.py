@@ -110,7 +110,7 @@ def label_of(path: Path) -> str:
 
 
 def unique(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
-    """Append numbers to labels that repeat or are taken, in any case of letters."""
+    """Append numbers to labels that repeat or are taken, upper and lower case alike."""
     numbered: list[str] = []
     used = {label.casefold() for label in taken}
     for label in labels:
@@ -124,7 +124,7 @@ def unique(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
 
 
 def case_scores(case: Case, comparison: Comparison, summary: Results) -> CaseScores:
-    """Keep the scores of a comparison that the summary of several logs needs."""
+    """Scores of a comparison that the summary of several logs needs."""
     alignment = comparison.alignment
     lag = 0.0 if alignment is None or alignment.lag is None else alignment.lag
     without_series = {key: value for key, value in summary.items() if key != "series"}

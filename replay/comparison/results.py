@@ -67,9 +67,8 @@ def summarise(
     filters = [name for name in comparison.runs if not name.endswith(SMOOTHED)]
     baseline = drift_table.baseline_of(filters)
     reference = filters[-1]
-    headline = reference
+    headline, lever_arm = reference, (0.0, 0.0)
     verdict = None
-    lever_arm = (0.0, 0.0)
     variants = {}
     if log.truth is not None:
         paired = drift_table.paired_drifts(comparison.drifts)
@@ -220,7 +219,7 @@ def _truth_summary(
 
 
 def _gyro_bias(comparison: Comparison) -> Results | None:
-    """Bias of the gyro that the variant `gyro` had no chance to learn."""
+    """Bias of the gyro that the truth shows, if `gyro` could not estimate it; or None."""
     bias = comparison.known_bias
     if bias is None:
         return None

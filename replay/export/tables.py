@@ -138,8 +138,7 @@ def columns_of(comparison: Comparison, robot: Robot, variant: str) -> dict[str, 
 
 
 def _truth_columns(comparison: Comparison, variant: str, run: Run) -> dict[str, NDArray[Any]]:
-    """Truth, aligned with the run, and errors at its rows; NaN in holes of the truth."""
-    # The NEES is NaN where the covariance is singular, and against fixes, whose errors it lacks.
+    """Columns (n,) of the aligned truth, and of the errors of a run; NaN in its holes."""
     truth = comparison.truths[variant].truth
     poses = true_poses_at(truth, run.stamps)
     poses[:, 2] = wrap_angle(poses[:, 2])
@@ -147,6 +146,7 @@ def _truth_columns(comparison: Comparison, variant: str, run: Run) -> dict[str, 
     errors[:, 2] = wrap_angle(errors[:, 2])
     x_error, y_error, yaw_error = errors.T
     covariances = run.trajectory.pose_covariances
+    # The covariance lacks the errors of fixes, so there is no NEES against a truth of fixes.
     has_nees = regular(covariances) & (truth.source != OF_FIXES)
     normalised = np.full(len(errors), np.nan)
     normalised[has_nees] = nees(errors[has_nees], covariances[has_nees])

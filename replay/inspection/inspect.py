@@ -541,8 +541,9 @@ def _track_finding(estimates: robot_file.LogEstimates) -> str:
 
 
 def _rate_finding(track: by_rate.TrackByRate | None) -> Iterator[str]:
-    """Finding on the effective track over the yaw rate, if the log has several."""
+    """Finding on whether the effective track depends on the yaw rate."""
     rates = sorted(abs(rate_bin.rate) for rate_bin in track.bins) if track is not None else []
+    # Yaw rates that are much alike would not show it.
     if track is None or len(rates) < 2 or rates[-1] < 1.5 * rates[0]:
         return
     text = f"tracks: from {rates[0]:.1f} to {rates[-1]:.1f} rad/s the effective track"
@@ -551,9 +552,9 @@ def _rate_finding(track: by_rate.TrackByRate | None) -> Iterator[str]:
         yield f"{text} does not depend significantly on the yaw rate"
         return
     narrower, wider = (
-        f"{span.track:.3g} (± {span.sigma:.1g}) {track.unit} at {abs(span.rate):.2f} rad/s to the "
-        f"{'left' if span.rate > 0.0 else 'right'}"
-        for span in extremes
+        f"{width:.3g} (± {sigma:.1g}) {track.unit} at {abs(rate):.2f} rad/s to the "
+        f"{'left' if rate > 0.0 else 'right'}"
+        for rate, width, sigma, _ in extremes
     )
     yield f"{text} depends on the yaw rate: {narrower}, {wider}; --picture FILE draws it"
 

@@ -62,8 +62,7 @@ def track_windows(log: Log, vertical: Floats, bias: float = 0.0) -> Floats:
 
 
 def track_by_rate(windows: Floats) -> list[RateBin]:
-    """Effective track in bins of the yaw rate, right to left, by windows (n, 2)."""
-    # The windows are those of `track_windows`.
+    """Effective track in bins of the yaw rate, right to left, by `track_windows`."""
     bins = []
     for side in (-1.0, 1.0):
         rates, differences = side * windows.T

@@ -51,7 +51,7 @@ class LiveStatuses:
         new = {name: self._new(name, sensor) for name, sensor in health.sensors.items()}
         gyro_now = new[GYRO].used if GYRO in new else 0
         for name, sensor in sorted(health.sensors.items()):
-            # Samples that are used count as those of the gyro.
+            # The IMU has used as many samples as its gyro.
             used = gyro_now if name == IMU else new[name].used
             statuses.append(sensor_status(name, sensor, new[name]._replace(used=used)))
         if newest.stamp is not None:
@@ -108,7 +108,7 @@ class LiveStatuses:
         return DiagnosticStatus(level, name, text, details)
 
     def _never_heard(self) -> list[DiagnosticStatus]:
-        """Status of an IMU from which nothing has come, though the robot is reckoned."""
+        """Status of an IMU without messages, although there is an estimate; else empty."""
         inputs = self._live.inputs
         topics = {topic for purpose, topic, *_ in inputs.subscriptions() if purpose == IMU}
         if not topics or any(topic in inputs.heard for topic in topics):
@@ -209,7 +209,7 @@ def sensor_status(name: str, sensor: SensorHealth, new: Counts) -> DiagnosticSta
 def findings_status(
     findings: Sequence[Finding], times: Mapping[str, int], slip_factor: float
 ) -> DiagnosticStatus:
-    """Status of the faults that last."""
+    """Status of the present faults, with counts of all so far."""
     values = {f"{fault}: times": str(count) for fault, count in times.items()}
     values["slip_factor"] = f"{slip_factor:.2f}"
     for finding in findings:
@@ -243,12 +243,15 @@ def tilt_status(tilt: TiltHealth) -> DiagnosticStatus:
 
 
 def parameter_statuses(estimator: PoseEstimator) -> list[DiagnosticStatus]:
-    """Value and standard deviation of each parameter, bias and scale, by its name."""
+    """Value and standard deviation of each parameter, bias and scale, by its name.
+
+    Estimated parameters also have their share and their excitation, see `ParameterHealth`.
+    """
     sigmas = dict(zip(STATE_NAMES, np.sqrt(estimator.covariance.diagonal()), strict=False))
-    health_of, statuses = estimator.parameter_health, []
+    parameter_health, statuses = estimator.parameter_health, []
     for name, value in (estimator.parameters | estimator.biases).items():
         values = {"value": f"{value:.9g}", "sigma": f"{sigmas[name]:.9g}"}
-        health = health_of.get(name)
+        health = parameter_health.get(name)  # None for a bias or scale
         if health is not None and health.sigma_at_start:
             values |= {"share": f"{health.share:.3f}", "excitation": f"{health.excitation:.3f}"}
         text = f"{value:.6g} +- {sigmas[name]:.2g}"
@@ -259,8 +262,8 @@ def parameter_statuses(estimator: PoseEstimator) -> list[DiagnosticStatus]:
 def _parameters(estimator: PoseEstimator, *, fixes: bool) -> DiagnosticStatus:
     """Parameters in short, and the manoeuvres that are missing."""
     values = {status.name: status.message for status in parameter_statuses(estimator)}
-    of_parameters = estimator.parameter_health.values()
-    estimated = [health for health in of_parameters if health.sigma_at_start]
+    all_health = estimator.parameter_health.values()
+    estimated = [health for health in all_health if health.sigma_at_start]
     shown = sum(health.excited for health in estimated)
     text = f"{shown} of {len(estimated)} shown by the present motion" if estimated else "kept fixed"
     sigmas = np.sqrt(estimator.covariance.diagonal())

@@ -283,24 +283,24 @@ def wanted_streams(
             yield stream("truth twist", truth.twist, truth, message_rows.TWIST_READERS)
         if truth.tracks and tracks:
             reader = message_rows.JointReader(tracks.names, tracks.are_counters)
-            joints = {JOINT_STATE: reader}
-            yield stream("truth tracks", truth.tracks, truth, joints)
+            yield stream("truth tracks", truth.tracks, truth, {JOINT_STATE: reader})
 
 
 def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Path]) -> None:
-    """Note mapped streams that the files lack; refuse if the track speeds are missing."""
+    """Note mapped streams that the files lack; ReplayError if they lack track speeds."""
     available = ", ".join(sorted(result.found)) or "none at all"
     missing: dict[str, list[str]] = {}
     if bags:
         for stream in wanted_streams(result.mapping, result.source, (), {}):
             if stream.purpose.startswith("truth ") and missing["truth"]:
-                continue  # without poses, its twists and tracks are not looked for
+                continue  # a truth without poses is noted once, not for its twists and tracks
             texts = missing.setdefault(stream.purpose, [])
             for topic in stream.needed:
-                counts = [n for name, n in result.found.items() if name.split(" (")[0] == topic]
-                what = "has no messages" if counts else "is not in the bag"
+                found = result.found.items()
+                counts = [count for name, count in found if name.split(" (")[0] == topic]
                 if not sum(counts):
-                    texts.append(f"topic {topic!r} for {stream.purpose} {what}")
+                    lack = "has no messages" if counts else "is not in the bag"
+                    texts.append(f"topic {topic!r} for {stream.purpose} {lack}")
     if len(bags) < len(paths) and result.mapping.columns is not None:
         for purpose, spec in wanted_columns(result.mapping.columns):
             listed_names = [spec.time or result.mapping.columns.time, *spec.names]

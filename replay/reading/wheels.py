@@ -8,7 +8,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.faults.odd_wheels import AGREEMENT_TIME, LEAST_ODD_DISTANCE, least_apart
 from icreckon.estimator.log.series import TrackSpeedSeries
 
-OPPOSITE = 0.1  # sum of two wheels, over their sizes, of which one counts backward [-]
+OPPOSITE = 0.1  # wheels with a smaller sum, over that of their sizes, turn opposite ways [-]
 TOGETHER = 0.5  # longest time between two messages of a wheel, between which it is interpolated [s]
 
 
@@ -23,12 +23,15 @@ def interpolated(
 ) -> tuple[Stamps, Floats]:
     """Interpolate wheels with separate messages at the stamps of the slowest wheel.
 
-    `values` (n, k) of the wheels, at rising stamps (n,) [ns], are NaN for those that a message does not
-    have. Counters begin again at `wrap`. The column `slowest` is by default that with the fewest values.
+    Args:
+        stamps: (n,) rising stamps of all messages [ns].
+        values: (n, k) value of each wheel in each message, NaN for wheels that the message lacks.
+        wrap: value at which counters begin again; None for values that do not.
+        slowest: column of the slowest wheel; by default the one with the fewest values.
 
     Returns:
-        Stamps and values, without those between messages more than `TOGETHER` apart; unchanged if any
-        message has all wheels, or a wheel has no message.
+        Stamps between two messages of each wheel at most `TOGETHER` apart, and values. If a message has
+        all wheels, or a wheel has no message, stamps and values are unchanged.
     """
     known = ~np.isnan(values)
     if not len(values) or known.all(axis=1).any() or not known.any(axis=0).all():
@@ -37,10 +40,11 @@ def interpolated(
         slowest = int(known.sum(axis=0).argmin())
     common = stamps[known[:, slowest]]
     is_bridged, columns = np.ones(len(common), bool), []
-    for column, present in zip(values.T, known.T, strict=True):
-        wheel_stamps, readings = stamps[present], column[present]
+    for column, has_value in zip(values.T, known.T, strict=True):
+        wheel_stamps, readings = stamps[has_value], column[has_value]
         if wrap is not None:
             readings = np.unwrap(readings, period=wrap)
+        # Messages of this wheel about each common stamp; one at the stamp itself is on both sides.
         next_row = np.searchsorted(wheel_stamps, common).clip(max=len(wheel_stamps) - 1)
         last_row = (next_row - (wheel_stamps[next_row] > common)).clip(min=0)
         after, before = wheel_stamps[next_row], wheel_stamps[last_row]

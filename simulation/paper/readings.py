@@ -104,11 +104,11 @@ def read_parameters(mapped: DynamicMap, reading: Reading, H: float | None = None
 def read_errors(
     mapped: DynamicMap, parameters: Indices, icrs: ConstantIcr, reading: Reading
 ) -> VelocityErrors:
-    """Table II of a map, the truth: velocity errors (RMSE) of both models.
+    """Velocity errors (RMSE) of both models over the motions of a map, as Table II.
 
-    The inertia-based model has the parameters, the constant one the ICRs.
+    The inertia-based model has the `parameters`, the model of constant ICRs the `icrs`.
     """
-    # Index of the motions that count: all (...), or the mask of those that turn.
+    # Index of the motions that count: all (...), or a mask of the turning ones.
     counted = ... if reading.straight else mapped.turning
     true = mapped.motion.twist
     by_inertia = inertia_based_twist(mapped, parameters, reading.inertia)
@@ -137,7 +137,7 @@ def _weighted(columns: Floats, target: Floats, weight: Floats) -> Floats:
 
 
 def _absolute(columns: Floats, target: Floats, weight: Floats) -> Floats:
-    """Fit by least absolute deviations; `weight` is only that of the first guess."""
+    """Fit by least absolute deviations; only the first guess uses `weight`."""
     solution = _weighted(columns, target, weight)
     largest = float(np.abs(target - columns @ solution).max())
     least = SMALLEST_DEVIATION * largest + 1e-300  # not zero, where the first guess is exact

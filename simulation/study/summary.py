@@ -99,14 +99,14 @@ def ratio_interval(values: Floats, baseline: Floats, motions: Ints) -> tuple[flo
 
 def _on_log_scale(value: float, half: float) -> tuple[float, float, float]:
     """Positive value and its interval, which is even about its logarithm."""
-    # `half` is the half-width of the value's own interval; over the value, of its logarithm's.
+    # `half` is the half-width of the interval of the value, half / value that of its logarithm.
     with np.errstate(over="ignore"):
         factor = float(np.exp(half / value))
     return value, value / factor, value * factor
 
 
 def jackknife_half_width(without: Floats) -> float:
-    """Half-width of a 95 % interval, or NaN, by leaving out true motions (m,) in turn."""
+    """Half-width of a 95 % interval, by values (m,) without each true motion; or NaN."""
     count = len(without)
     if count < 2:
         return math.nan
@@ -123,8 +123,8 @@ def over_cells(values: Floats) -> Floats:
 
 
 def _half_width(residuals: Floats, motions: Ints) -> float:
-    """Half-width of the interval of a mean, from residuals (n,) about it, or NaN."""
-    # Runs of one true motion are a cluster.
+    """Half-width of the 95 % interval of a mean, by residuals (n,) about it; or NaN."""
+    # Runs of one true motion are dependent: they form a cluster.
     _, cluster_of_run = np.unique(motions, return_inverse=True)
     sums = np.bincount(cluster_of_run, weights=residuals)
     clusters = len(sums)

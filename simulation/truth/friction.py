@@ -198,9 +198,9 @@ def drive(
 
 
 def mass_matrix(body: Body, yaw_inertia: float) -> Floats:
-    """Mass matrix (3, 3) about the origin of v_x, v_y, w.
+    """Mass matrix (3, 3) about the origin, for the twist v_x, v_y, w.
 
-    The moment of inertia is about the vertical through the centre of mass [kg m²].
+    `yaw_inertia` is about the vertical through the centre of mass [kg m²].
     """
     mass, x, y = body.mass, body.x_CM, body.y_CM
     about_origin = yaw_inertia + mass * (x * x + y * y)

@@ -127,7 +127,7 @@ def _horizons_with(results: Results, key: str) -> list[str]:
 
 
 def _score_table(results: Results, columns: Sequence[Column]) -> Table:
-    """Table of scores; those of `THOUSANDTHS` in mm/s and mrad/s."""
+    """Table of scores by variant; those of `THOUSANDTHS` are in mm/s and mrad/s."""
 
     def text(value: float | None, key: str) -> str:
         return number(1e3 * value if value is not None and key.startswith(THOUSANDTHS) else value)

@@ -352,14 +352,14 @@ def number(value: float | None) -> str:
 
 
 def interval_text(interval: list[float] | None, before: str = "") -> str:
-    """Format an interval in brackets; nothing for none."""
+    """Format an interval in brackets; an empty text for None."""
     if interval is None:
         return ""
     return f" ({before}{number(interval[0])} to {number(interval[1])})"
 
 
 def all_rejections(results: Results) -> list[str]:
-    """Line on the most rejections of each sensor and reason; none without rejections."""
+    """Line with the largest count of rejections, by sensor and reason; or no line."""
     most: dict[str, tuple[int, str]] = {}
     for scores in filtered(results).values():
         for sensor_and_reason, count in scores["rejected"].items():
@@ -406,7 +406,7 @@ def fault_lines(results: Results) -> list[str]:
 
 
 def rejections_text(scores: Results) -> str:
-    """Measurements that a variant rejected, of how many, by sensor and reason."""
+    """Rejected measurements of a variant, out of all, by sensor and reason."""
     total, rejected = dict(scores["used"]), []
     for key, count in scores["rejected"].items():
         sensor, _, reason = key.partition(": ")

@@ -169,10 +169,10 @@ def notes(results: Results, *, narrow: bool = False) -> list[str]:
     """Explain the numbers in the tables; arguments as for `summary_tables`."""
     runs, motions = results["runs"], results["true_motions"]
     shared = "" if motions == runs else f" of {motions} true motions"
-    how = "Student's t, over true motions"
-    intervals = f"in brackets 95 % intervals of the mean ({how}; on a log scale)"
+    method = "Student's t, over true motions"
+    intervals = f"in brackets 95 % intervals of the mean ({method}; on a log scale)"
     if narrow:
-        intervals = f"×/÷ the factor of the 95 % interval of the mean ({how})"
+        intervals = f"×/÷ the factor of the 95 % interval of the mean ({method})"
     percentile = "" if narrow else ", and 95th percentile of the runs"
     return [
         f"{runs} runs{shared} in each cell, paired over cells and variants; {intervals}.",
