@@ -65,9 +65,9 @@ class Disturbances:
     ) -> Floats:
         """(3, 3) density of the fast slip over a step.
 
-        The density is the sum of the error of the track speeds, the white part of the slip of this
-        `sigma`, the possible change of stale track speeds, and slides of the robot. `by_speeds` (3, 2) is
-        the derivative of the twist by the track speeds, `dt` the length of the step [s].
+        The density is the sum of the errors of the track speeds and of their lateness, the white part of
+        the slip of this `sigma`, the possible change of stale ones, and slides of the robot. `by_speeds`
+        (3, 2) is the derivative of the twist by the track speeds, `dt` the length of the step [s].
         """
         density = fast_slip_density(
             by_speeds.tolist(),

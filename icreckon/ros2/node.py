@@ -384,7 +384,7 @@ class OdometryNode:
                 message = self._new(ros.TF)
                 message.transforms = transforms
                 self._tf.publish(message)
-            placed = estimate.in_map(planar=planar)
+            placed = None if self._map_pose is None else estimate.in_map(planar=planar)
             if self._map_pose is not None and placed is not None:
                 pose = self._new(ros.POSE_WITH_COVARIANCE)
                 self._map_pose.publish(fill_pose(pose, estimate.stamp, options.map_frame, placed))

@@ -132,7 +132,7 @@ class _UnreadableError(Exception):
 
 @contextmanager
 def _read_by_rosbags(file: Path) -> Iterator[None]:
-    """Make errors of rosbags an _UnreadableError; name the file in those of a limit."""
+    """Turn errors of rosbags into _UnreadableError; name the file if it unpacks too large."""
     try:
         yield
     except ReplayError as problem:

@@ -56,7 +56,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Comparison:
-    """Runs of several variants over one log.
+    """Runs of several variants over one log; truths and drifts are computed once.
 
     Attributes:
         log: the log, with the fixes that were used and the truth that was scored against.

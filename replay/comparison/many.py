@@ -283,14 +283,15 @@ def _nees(scored: Sequence[CaseScores], name: str) -> Results:
 
 def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
     """Ratio of drift with each robot file to that with the first, same segments."""
-    by_log: dict[str, dict[str, CaseScores]] = {robot: {} for robot in robots}
+    of_robot: dict[str, dict[str, CaseScores]] = {robot: {} for robot in robots}
     for scores in scored:
         if scores.drifts:
-            by_log[scores.case.robot][scores.case.log] = scores
+            of_robot[scores.case.robot][scores.case.log] = scores
     first_robot, *other_robots = robots
-    first, by_robot = by_log[first_robot], Results()
+    first = of_robot[first_robot]
+    by_robot: Results = {}
     for robot in other_robots:
-        pairs = [(first[log], other) for log, other in by_log[robot].items() if log in first]
+        pairs = [(first[log], other) for log, other in of_robot[robot].items() if log in first]
         names = dict.fromkeys(name for _, other in pairs for name in other.results["variants"])
         ratios = {name: _ratio(pairs, name) for name in names}
         common = {name: ratio for name, ratio in ratios.items() if ratio}

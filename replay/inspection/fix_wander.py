@@ -198,8 +198,9 @@ def fit_fixes(log: Log, vertical: Floats | None) -> FixFit | None:
 class _WindowFit(NamedTuple):
     """Fit of one window."""
 
-    values: Floats  # (3,) place of the antenna [m], scale [-] and lag [s], as complex numbers
-    weights: Floats  # (3,) of these
+    # (3,) complex: place of the antenna, forward + i left [m]; scale [-] and lag [s], which are real
+    values: NDArray[np.complex128]
+    weights: Floats  # (3,) weights of these
     bias: float  # error of the gyro's bias [rad/s]
     scatter: float  # [m]
 

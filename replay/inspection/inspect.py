@@ -209,7 +209,7 @@ def _estimates(
             mapping, log, sizes.log, notes, partial(assembled, mapping, "tracks")
         )
         in_units = _with_keys(mapping, keys) if keys else mapping
-        # A table has one clock, unless tracks or IMU have a time of their own.
+        # Several tables may have several clocks, and one whose tracks or IMU have times of their own.
         columns = mapping.columns
         if columns and (len(paths) > 1 or any(k and k.time for k in (columns.tracks, columns.imu))):
             in_units = on_one_clock(in_units, assembled)

@@ -156,7 +156,7 @@ def _with_drift(
     early, late = (track_latency(half, imu, vertical) for half in halves)
     if not (isinstance(early, Lag) and isinstance(late, Lag)):
         return None
-    # Time between the middles of both halves [s], and growth of the lag in it [s/s].
+    # Time between the middles of both halves [s], and growth of the lag per time [s/s].
     span = 0.5 * float(stamps[-1] - stamps[0]) * NANOSECOND
     growth = (late.seconds - early.seconds) / span
     refined = ClockFit(fit.offset + early.seconds - 0.5 * growth * span, fit.drift + growth)

@@ -408,7 +408,8 @@ def _yaws_of_courses(log: Log, middles: Floats) -> tuple[list[int], list[float]]
     times, yaws, begin = list[int](), list[float](), 0
     for row in range(1, len(stamps)):
         x, y = middles[row] - middles[begin]
-        if np.hypot(x, y) < max(COURSE_LENGTH, 5.0 * sigmas[begin], 5.0 * sigmas[row]):
+        # NaN shows no course.
+        if not np.hypot(x, y) >= max(COURSE_LENGTH, 5.0 * sigmas[begin], 5.0 * sigmas[row]):
             continue
         if (stamps[row] - stamps[begin]) * NANOSECOND < COURSE_TIME:
             times.append(int(stamps[row] + stamps[begin]) // 2)

@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.lag_search import BEYOND
-from icreckon.estimator.base.state import STATE_NAMES
 from icreckon.estimator.filter.fault_table import Finding
 from icreckon.estimator.filter.health import SensorHealth, TiltHealth
+from icreckon.estimator.robot.variants import state_names
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.live.diagnostic_status import ERROR, OK, STALE, WARN, DiagnosticStatus
 from icreckon.replay.live.manoeuvres import missing_manoeuvres
@@ -247,7 +248,7 @@ def parameter_statuses(estimator: PoseEstimator) -> list[DiagnosticStatus]:
 
     Estimated parameters also have their share and their excitation, see `ParameterHealth`.
     """
-    sigmas = dict(zip(STATE_NAMES, np.sqrt(estimator.covariance.diagonal()), strict=False))
+    sigmas = dict(zip(*_sigmas_by_state(estimator), strict=True))
     parameter_health, statuses = estimator.parameter_health, []
     for name, value in (estimator.parameters | estimator.biases).items():
         values = {"value": f"{value:.9g}", "sigma": f"{sigmas[name]:.9g}"}
@@ -259,6 +260,11 @@ def parameter_statuses(estimator: PoseEstimator) -> list[DiagnosticStatus]:
     return statuses
 
 
+def _sigmas_by_state(estimator: PoseEstimator) -> tuple[tuple[str, ...], Floats]:
+    """Names and standard deviations of the variant's states."""
+    return state_names(estimator.variant), np.sqrt(estimator.covariance.diagonal())
+
+
 def _parameters(estimator: PoseEstimator, *, fixes: bool) -> DiagnosticStatus:
     """Parameters in short, and the manoeuvres that are missing."""
     values = {status.name: status.message for status in parameter_statuses(estimator)}
@@ -266,7 +272,6 @@ def _parameters(estimator: PoseEstimator, *, fixes: bool) -> DiagnosticStatus:
     estimated = [health for health in all_health if health.sigma_at_start]
     shown = sum(health.excited for health in estimated)
     text = f"{shown} of {len(estimated)} shown by the present motion" if estimated else "kept fixed"
-    sigmas = np.sqrt(estimator.covariance.diagonal())
-    if missing := missing_manoeuvres(STATE_NAMES, sigmas, fixes=fixes):
+    if missing := missing_manoeuvres(*_sigmas_by_state(estimator), fixes=fixes):
         text += f"; to learn more: {'; '.join(missing)}"
     return DiagnosticStatus(OK, "icreckon: parameters", text, values)

@@ -54,8 +54,8 @@ def imu_rows(spec: ImuTopic | ImuColumns, values: Floats) -> Floats:
 def imu_readers(spec: ImuTopic) -> tuple[Readers, Readers]:
     """Build the readers of an IMU's topic, and of accelerations apart.
 
-    Each are readers by message type, and that of named fields or None. Rows are those of `imu_rows`, with
-    NaN for what the other topic has.
+    Each is a pair: readers by message type, and that of named fields or None. Rows are those of
+    `imu_rows`, with NaN for what the other topic has.
     """
     rates, forces = spec.angular_velocity, spec.linear_acceleration
     is_apart = spec.acceleration_topic is not None

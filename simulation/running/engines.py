@@ -18,11 +18,13 @@ AUTO = "auto"
 ROOM = "icreckon.simulation.running"
 
 
-# Compute a block: cell, filters, first run and number of runs -> statistics of the runs, and reasons of
-# those that failed. It is a pure function, so that it may run anywhere, and again. Random numbers are
-# those of `icreckon.simulation.base.random_streams` by the study's seed and the run's index, those of
-# drive and truth by the index modulo `cell.truths`. So cells and filters are paired, run by run.
 Block = Callable[[Cell, Sequence[Filter], int, int], RunScores]
+"""Function that computes a block: cell, filters, first run and number of runs -> `RunScores`.
+
+It is pure, so that it may run anywhere, and again. Random numbers are those of
+`icreckon.simulation.base.random_streams` by the study's seed and the run's index, those of drive and
+truth by the index modulo `cell.truths`. So cells and filters are paired, run by run.
+"""
 
 
 @dataclass(frozen=True)

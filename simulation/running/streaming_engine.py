@@ -41,10 +41,10 @@ def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> 
     for row in range(count):
         log = study_log(cell, first_run + row)
         times = score_times(cell.scenario)
-        measured = replace(log, truth=None)
+        without_truth = replace(log, truth=None)
         for place, spec in enumerate(filters):
             try:
-                result = _run(measured, spec, times)
+                result = _run(without_truth, spec, times)
             except LostFilter as lost:
                 scores.reasons[place, row] = lost.reason
             else:

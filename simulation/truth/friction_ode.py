@@ -177,7 +177,7 @@ def integrate(
             _set_slope(gravity_on(p_x, p_y, pose[2]), states[k, YAW], slopes[k])
         if k + 1 == len(speeds):
             break
-        weight = _pressing(ground, slopes[k])
+        weight = _weight_on_slope(ground, slopes[k])
         y = states[k + 1]
         y[:] = states[k]
         done = 0.0  # share of the way to the next grid point [-]
@@ -282,7 +282,8 @@ def _rates(
 ) -> bool:
     """Compute the rates of the state, in place; return True if the vehicle tips.
 
-    `weight` is from `_pressing`. The ground's forces and derivatives are overwritten, too.
+    `weight` is from `_weight_on_slope`. The rates are in `room.rate`, forces and derivatives of the
+    ground in `room.forces` and `room.jacobian`.
     """
     v_x, v_y, w = y[0], y[1], y[2]
     values, rate = room.forces, room.rate
@@ -359,7 +360,7 @@ def _in_body(slope: Floats, yaw: float) -> tuple[float, float]:
 
 
 @compiled
-def _pressing(ground: Ground, slope: Floats) -> float:
+def _weight_on_slope(ground: Ground, slope: Floats) -> float:
     """Part of the weight that is square to the slope [N]."""
     flat = ground.weight / ground.mass  # acceleration of gravity [m/s²]
     down = np.sqrt(max(flat * flat - slope[0] * slope[0] - slope[1] * slope[1], 0.0))

@@ -109,9 +109,9 @@ def show(
     folder: Path, table: MakeTable, data: Any, wide_from: int, *, as_json: bool, wide: bool
 ) -> None:
     """Print the results.json of a folder, or the table of it that fits the terminal."""
-    from icreckon.report.replay.folder import RESULTS_FILE
-
     if as_json:
+        from icreckon.report.replay.folder import RESULTS_FILE
+
         typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
     else:
         print_fitting(table, data, wide_from, wide=wide)

@@ -114,6 +114,13 @@ def test_fixes_are_asked_for_where_there_are_some() -> None:
     assert text.startswith("drive bends to both sides with position fixes (zeta0 ± 0.06 m, ")
 
 
+def test_parameters_of_another_model_have_its_names() -> None:
+    estimator = PoseEstimator(ROBOT, "full-linear")
+    names = {one.name for one in parameter_statuses(estimator)}
+    assert {*estimator.parameters} <= names
+    assert "eta0" not in names
+
+
 def test_parameters_have_values_and_standard_deviations() -> None:
     estimator, _ = driven((10, 0.2, 0.2, 0.0))
     found = {one.name: one.values for one in parameter_statuses(estimator)}
