@@ -244,6 +244,10 @@ def test_a_heading_off_the_direction_of_driving_is_named(backward: bool) -> None
     antennas = np.tile([1.0, 0.0, 0.0], (len(places), 1))
     ahead = replace(right, fixes=replace(drives.fixes, poses=places, antennas=antennas))
     assert heading_offset(ahead).value == pytest.approx(heading_offset(right).value, abs=0.5)
+    holed = ahead.fixes.poses.copy()
+    holed[50] = np.nan
+    holed_log = replace(ahead, fixes=replace(ahead.fixes, poses=holed))
+    assert heading_offset(holed_log).value == pytest.approx(heading_offset(ahead).value, abs=0.5)
     wrong = headed(lambda _: -0.5 * np.pi)
     (found,) = [one for one in check_robot(wrong, robot) if one.name == HEADING]
     assert "deg right of the direction of driving" in found.problem
