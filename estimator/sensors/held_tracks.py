@@ -1,4 +1,4 @@
-"""Held track speeds: newest values, acceleration, and error densities if late or stale.
+"""Held track speeds: newest values, acceleration, and error densities.
 
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
@@ -202,10 +202,11 @@ def is_hole(held: Clocked, stamp: int, hold: float) -> bool:
 
 
 def late_density(held: TrackRecord, start: int, end: int, settings: InputSettings) -> float:
-    """Error density of the yaw rate between two stamps [ns], as the track speeds are late [rad²/s].
+    """Error density of the yaw rate by late track speeds, over a step [rad²/s].
 
-    A speed is the mean of the interval before its stamp, and held after it. At the middle of a step the
-    yaw rate has changed since then, at one standard deviation. Errors of steps count as independent.
+    The step is between two stamps [ns]. A speed is the mean of the interval before its stamp, and held
+    after it. At the middle of a step the yaw rate has changed since then, at one standard deviation.
+    Errors of steps count as independent.
     """
     dt = (end - start) * NANOSECOND
     age = min(settings.hold, (start - held.stamp) * NANOSECOND + 0.5 * (dt + held.interval))

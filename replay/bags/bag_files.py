@@ -132,7 +132,7 @@ class _UnreadableError(Exception):
 
 @contextmanager
 def _read_by_rosbags(file: Path) -> Iterator[None]:
-    """Turn errors of rosbags into _UnreadableError; name the file if it unpacks too large."""
+    """Turn errors of rosbags into _UnreadableError; name a file too large to unpack."""
     try:
         yield
     except ReplayError as problem:

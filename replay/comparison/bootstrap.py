@@ -134,7 +134,7 @@ def _block_length(drift: Drift, rows: NDArray[np.int64]) -> int:
 
 
 def pooled_drift(logs: Sequence[PairedDrift], among: Sequence[str] | None = None) -> PairedDrift:
-    """Join the drifts of several logs, for the variants that all have (of `among`, if given)."""
+    """Join drifts of several logs, for the variants (`among` some) that all have."""
     if not logs:
         raise ValueError("there is no log to pool")
     wanted = logs[0].names if among is None else [name for name in logs[0].names if name in among]
