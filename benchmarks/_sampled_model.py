@@ -28,7 +28,7 @@ from icreckon.estimator.reference.imu import StepTwist, accelerometer, gyro
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
-from icreckon.estimator.sensors.held_tracks import ACCELERATION_AVERAGING, TrackRecord, take_tracks
+from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.sensor_models import SensorModels
@@ -205,9 +205,7 @@ class ModelSampler:
         """A sample as the filter predicts it, with noise as large as it expects."""
         self._ekf.x = x
         model = self._ekf.twist_model(tracks.left, tracks.right)
-        density = self._robot.tracks.speed_noise_density
         change = track_change(step_inputs(tracks, StandstillRecord(), begun, begun, self._inputs))
-        change = change._replace(variance=density**2 / (dt * ACCELERATION_AVERAGING**2))
         of_file = imu_noise(NoiseRecord(is_first=0), False, self._inputs)
         at = StepTwist(model, x, dt, change, of_file)
         z, _, R = gyro(0.0, at, turn=0.0)

@@ -206,10 +206,12 @@ def late_density(held: TrackRecord, start: int, end: int, settings: InputSetting
 
     The step is between two stamps [ns]. A speed is the mean of the interval before its stamp, and held
     after it. At the middle of a step the yaw rate has changed since then, at one standard deviation.
-    Errors of steps count as independent.
+    Errors of steps count as independent. Of stale speeds `gap_density` has the error.
     """
-    dt = (end - start) * NANOSECOND
-    age = min(settings.hold, (start - held.stamp) * NANOSECOND + 0.5 * (dt + held.interval))
+    dt, held_for = (end - start) * NANOSECOND, (end - held.stamp) * NANOSECOND
+    if held_for > settings.hold:
+        return 0.0
+    age = held_for + 0.5 * (held.interval - dt)
     late = (held.acceleration_right - held.acceleration_left) * age / settings.track_width
     return late * late * dt
 
@@ -302,7 +304,8 @@ def unknown_density(since: int, start: int, end: int, settings: InputSettings) -
     if dt <= 0.0:
         return 0.0
     from_age, to_age = max(0, start - since) * NANOSECOND, max(0, end - since) * NANOSECOND
-    mean_age = (to_age * to_age - from_age * from_age) / (2.0 * dt)
+    # Mean growth of the squared age [s]; times the squared speed, that of the path's variance.
+    square_growth = (to_age * to_age - from_age * from_age) / dt
     mean_square = (to_age * to_age * to_age - from_age * from_age * from_age) / (3.0 * dt)
     walk, fastest = settings.gap_acceleration, settings.fastest
-    return min(walk * walk * mean_square, 2.0 * fastest * fastest * mean_age)
+    return min(walk * walk * mean_square, fastest * fastest * square_growth)

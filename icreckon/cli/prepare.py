@@ -38,16 +38,17 @@ def command(
             "NUMBA_CACHE_DIR to a folder that can"
         )
     # First those that compile most: one of streaming, one of studies.
-    first, *others = [(compile_streaming, names) for names in reversed(by_model(VARIANTS))]
-    tasks = [first, *((_run_study, [name]) for name in study_names()), *others]
+    first, *others = [
+        ("streaming", compile_streaming, names) for names in reversed(by_model(VARIANTS))
+    ]
+    tasks = [first, *(("study", _run_study, [name]) for name in study_names()), *others]
     count = min(workers or min(worker_count(None), MOST_WORKERS), len(tasks))
     say(f"compiling with {count} processes")
     with progress("compiling") as report, worker_processes(count) as pool:
-        submitted = {pool.submit(compile_, names): (compile_, names) for compile_, names in tasks}
+        submitted = {pool.submit(task, names): (kind, names) for kind, task, names in tasks}
         for number, done in enumerate(as_completed(submitted), start=1):
             done.result()
-            compile_, names = submitted[done]
-            kind = "study" if compile_ is _run_study else "streaming"
+            kind, names = submitted[done]
             say(f"compiled for {kind}: {', '.join(names)}")
             report(number / len(tasks))
     files = kernel_files()

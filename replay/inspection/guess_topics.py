@@ -285,8 +285,9 @@ def _topic_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
         found = wheel_sides({topic: topic for topic in numbers if may_be_a_side(numbers[topic])})
         if found is not None and found.are_named:
             pair = TrackTopic(found.left[0], found.right[0], left=("data",), right=("data",))
-            unit = unit_of("counts" if "Int" in kind else pair.topic, unknown="rad/s")
-            return replace(pair, **unit, wrap=wrap)
+            if "Int" in kind:
+                return replace(pair, unit="counts", counts_per_turn=ANY_COUNTS, wrap=wrap)
+            return replace(pair, **unit_of(pair.topic, unknown="rad/s"))
     return None
 
 

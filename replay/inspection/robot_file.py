@@ -303,15 +303,15 @@ def _latency_lines(latency: Lag | NoLag | None) -> list[str]:
 
 def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str]) -> list[str]:
     """Tables [log.tracks], [log.imu], ...: topics, clocks, latency and errors."""
-    mapping, keys_of, lines = estimates.mapping, dict[str, list[str]](), list[str]()
+    mapping, tables, lines = estimates.mapping, dict[str, list[str]](), list[str]()
     if mapping.tracks:
-        keys_of["tracks"] = _track_keys(mapping.tracks)
+        tables["tracks"] = _track_keys(mapping.tracks)
     if mapping.imu:
         rate, force = mapping.imu.rate_unit, mapping.imu.acceleration_unit
         names = ("acceleration_topic", "angular_velocity", "linear_acceleration")
-        keys_of["imu"] = _named(mapping.imu, names)
-        keys_of["imu"] += [f"rate_unit = {toml_value(rate)}"] if rate != "rad/s" else []
-        keys_of["imu"] += [f"acceleration_unit = {toml_value(force)}"] if force != "m/s2" else []
+        tables["imu"] = _named(mapping.imu, names)
+        tables["imu"] += [f"rate_unit = {toml_value(rate)}"] if rate != "rad/s" else []
+        tables["imu"] += [f"acceleration_unit = {toml_value(force)}"] if force != "m/s2" else []
     if mapping.fixes:
         hint = "# Where they are a truth, as of a lidar map: [log.truth], with the topic alone."
         sigma = mapping.fixes.position_sigma
@@ -319,17 +319,17 @@ def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str])
         if sigma is None or wander:
             errors = wander
         fields = _named(mapping.fixes, ("latitude", "longitude", "altitude", "sigma"))
-        keys_of["fixes"] = [hint, *fields, *errors]
+        tables["fixes"] = [hint, *fields, *errors]
         if any(mapping.fixes.position):
             place = _metres(mapping.fixes.position)
-            keys_of["fixes"].append(f"position = {place}    # m, of the antenna, by /{STATIC}")
-        keys_of["fixes"] += _fit_lines(estimates.fix_fit, mapping.fixes.position)
+            tables["fixes"].append(f"position = {place}    # m, of the antenna, by /{STATIC}")
+        tables["fixes"] += _fit_lines(estimates.fix_fit, mapping.fixes.position)
     if mapping.heading:
-        keys_of["heading"] = _heading_keys(mapping.heading, estimates)
-        keys_of["heading"] += _latency_lines(estimates.latencies.get("heading"))
+        tables["heading"] = _heading_keys(mapping.heading, estimates)
+        tables["heading"] += _latency_lines(estimates.latencies.get("heading"))
     if mapping.truth:
-        keys_of["truth"] = _named(mapping.truth, ("twist", "tracks", "source_topic"))
-    for purpose, keys in keys_of.items():
+        tables["truth"] = _named(mapping.truth, ("twist", "tracks", "source_topic"))
+    for purpose, keys in tables.items():
         topic = getattr(mapping, purpose).topic
         lines += ["", f"[log.{purpose}]", f"topic = {toml_value(topic)}", *keys]
         choice = estimates.clocks.get(purpose)

@@ -171,7 +171,7 @@ class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if self.truth and self.truth.tracks and not (self.tracks and self.tracks.left):
             raise ValueError("truth.tracks needs the joints left and right of tracks")
 
-    def keys_of(self, purpose: str) -> Any:
+    def keys_of(self, purpose: Literal["tracks", "imu", "fixes", "heading"]) -> Any:
         """Topic or columns of a stream, such as "fixes"; None if neither is mapped."""
         return getattr(self, purpose) or getattr(self.columns, purpose, None)
 

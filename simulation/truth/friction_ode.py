@@ -161,8 +161,8 @@ def integrate(
     if not sizes_fit or patches.shape[1] != PATCH_WIDTH or tolerance.absolute.shape != (SIZE,):
         raise ValueError(WRONG_SIZE)
     room = _step_room(len(vehicle.ground.x))
-    _, _, _, by_state, by_time, matrix, pivots, stages, rate, trial = room
-    ground = vehicle.ground
+    by_state, by_time, matrix, pivots = room.by_state, room.by_time, room.matrix, room.pivots
+    stages, rate, trial, ground = room.stages, room.rate, room.trial, vehicle.ground
     under_tracks = TrackGround(ground.friction, ground.rolling_resistance)
     outside_patches = TrackGround(ground.friction.copy(), ground.rolling_resistance.copy())
     h, steps = step, 0  # length of the next step [s], and number of steps
@@ -215,7 +215,7 @@ def integrate(
             steps += 1
             h_tried, h = h, _next_step(h, error)
             if error <= 1.0:
-                y[:] = room.trial
+                y[:] = trial
                 done += h_tried / step
                 if 1.0 - done < 1e-12:
                     done = 1.0

@@ -9,6 +9,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.engine.lane_functions import ends_step
 from icreckon.estimator.filter.filter_record import FilterRecord, take_track_speeds
+from icreckon.estimator.sensors.held_tracks import TrackRecord, late_density, take_tracks
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.step_inputs import step_inputs
 
@@ -55,6 +56,30 @@ def test_the_yaw_follows_the_gyro_however_far_the_tracks_turn(variant: str) -> N
         turned, before = wrap_angle(yaw - before), yaw
         measured = (rate - x[s.GYRO_BIAS]) / (1.0 + x[s.GYRO_SCALE])
         assert k < 100 or turned == pytest.approx(0.05 * measured, rel=1e-3)
+
+
+@pytest.mark.parametrize("interval", [0.01, 0.05, 0.1])
+@pytest.mark.parametrize("length", [0.001, 0.01, 0.1])
+@pytest.mark.parametrize("since", [-0.05, 0.0, 0.08])
+def test_late_speeds_are_wrong_by_the_turn_that_began_since(
+    interval: float, length: float, since: float
+) -> None:
+    """A step begins `since` seconds after the newest sample; the yaw rate changes all the time."""
+    tracks, change = TrackRecord(), 0.6 * SETTINGS.track_width
+    for k in range(200):
+        stamp = round(k * interval * SECOND)
+        turning = change * (k - 0.5) * interval  # mean over the interval before the stamp
+        take_tracks(tracks, stamp, 0.5 - 0.5 * turning, 0.5 + 0.5 * turning, SETTINGS)
+    start = tracks.stamp + round(since * SECOND)
+    end = start + round(length * SECOND)
+    middle = 0.5 * (start + end) / SECOND
+    true_rate = change * middle / SETTINGS.track_width
+    held_rate = (tracks.right - tracks.left) / SETTINGS.track_width
+    expected = abs(true_rate - held_rate)
+    if end - tracks.stamp > SETTINGS.hold_ns:
+        expected = 0.0  # stale: `gap_density` has that error
+    found = late_density(tracks, start, end, SETTINGS)
+    assert np.sqrt(found / length) == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
 def test_tracks_say_nothing_of_the_scale_of_the_gyro() -> None:
