@@ -15,7 +15,6 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.motion.icr import GRAVITY
-from icreckon.estimator.motion.lagged_index_model import ROLLS_AT
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.run import run
 
@@ -29,7 +28,7 @@ class GroundForces(NamedTuple):
 
     times: Floats  # (k,) seconds since the log's start
     lateral: Floats  # (k,) S over the mass, the signed specific force [m/s²]
-    along: Floats  # (k,) P, the force along the tracks as a share of the weight [-]
+    along: Floats  # (k,) A, the force along the tracks as a share of the weight [-]
 
 
 def ground_forces(log: Log, robot: Robot, scale: float, latency: float) -> GroundForces:
@@ -48,12 +47,10 @@ def ground_forces(log: Log, robot: Robot, scale: float, latency: float) -> Groun
     speeds = tracks.speeds[np.maximum(newest, 0)]
     mean_speeds = speeds.mean(axis=1)
     acceleration = (mean_speeds - _lagged(times, mean_speeds, lag)) / lag
-    rolling = np.clip(speeds / ROLLS_AT, -1.0, 1.0).mean(axis=1)
     weights, gravity = w * w, estimate.states[:, s.GRAVITY]
     # Less the accelerometers' offset: the mean in the robot's axes, by the squared yaw rate.
     gravity = gravity - weights @ gravity / max(float(weights.sum()), LEAST_TURNING)
-    along = robot.constants.rolling_resistance * rolling
-    along += (acceleration - gravity[:, 0]) / GRAVITY
+    along = (acceleration - gravity[:, 0]) / GRAVITY
     lateral = _lagged(times, -w * (forward + x_CM * w), lag) + gravity[:, 1]
     return GroundForces(times, np.clip(lateral, -GRAVITY, GRAVITY), np.clip(along, -1.0, 1.0))
 

@@ -17,7 +17,12 @@ from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.motion.lagged_index_model import linearise
 from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP, VehicleConstants
 from icreckon.estimator.robot.robot_file import ConstantIcr, Indices, Robot
-from icreckon.estimator.robot.variants import TYPICAL_FORCE, find_variant, initial_parameters
+from icreckon.estimator.robot.variants import (
+    TYPICAL_FORCE,
+    find_variant,
+    initial_parameters,
+    vehicle_constants,
+)
 
 MODELS = ("differential", "constant", "inertia")
 """Names, from the simplest to the most complex: a later one must be better to be chosen."""
@@ -64,9 +69,8 @@ class Model:
             values: (p,) parameters.
             forces: (..., 2) forces that the ground balances, see `Recording.ground_forces`.
         """
-        # The memory holds all of S and P: rolling resistance and gravity are in them already.
-        vehicle = self.vehicle._replace(rolling_resistance=0.0)
-        V_l, V_r = speeds[..., 0], speeds[..., 1]
+        # The memory holds gravity, too.
+        vehicle, V_l, V_r = self.vehicle, speeds[..., 0], speeds[..., 1]
         memory = (vehicle.mass * forces[..., 0], 0.0, GRAVITY * forces[..., 1], 1.0)
         parameters = self.all_parameters(values)
         motion, by = linearise(V_l, V_r, parameters, NO_SLIP, LEVEL, vehicle, memory)
@@ -144,4 +148,5 @@ def model_of(name: str, robot: Robot) -> Model:
         for rank, (key, unit, threshold) in enumerate(table)
     }
     parameters = tuple(by_name[names[place]] for place in places)
-    return Model(name, parameters, robot.constants, places, robot.indices.H)
+    vehicle = vehicle_constants(robot, "inertia" if name == "inertia" else "constant")
+    return Model(name, parameters, vehicle, places, robot.indices.H)

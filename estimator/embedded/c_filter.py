@@ -283,7 +283,7 @@ class _Export:
         varying = {places[constant] for constant in VARYING}
         values = enumerate(self._constants)
         known = {("constants", k): value for k, value in values if k not in varying}
-        with trace.with_known(known):
+        with trace.for_c(known):
             return kernel_in_c(KERNELS[name](name, self._shape), self._bits)
 
     def _names(self) -> dict[str, str]:

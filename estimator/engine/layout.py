@@ -24,7 +24,7 @@ FIX_INPUTS = (
 STEP_CONSTANTS = ("dt", "smoothing")
 SLIP_SHARES = ("share_x", "share_y", "share_w")
 CONSTANTS = (
-    *("gauge", "fastest", "mass", "x_CM", "y_CM", "rolling_resistance", "load_lag"),
+    *("gauge", "fastest", "mass", "x_CM", "y_CM", "rolling_resistance", "load_lag", "zeta_F"),
     "slope_forgetting",
     *Slip.__struct_fields__,
     *("imu_x", "imu_y", "threshold", "patience", "imu_patience", "interval"),

@@ -7,18 +7,20 @@ determines its indices, and the model is explicit. With V_m = (V_l + V_r) / 2 an
     w   = D / (L eta) + r_w
     v_y = V_m - D / (L eta) epsilon + r_y
     v_x =       D / (L eta) zeta + r_x
-    zeta = zeta0 + zeta1 Z    epsilon = epsilon0 + epsilon1 S + epsilon_F sign(D) P
+    zeta = zeta0 + zeta1 Z - zeta_F A    epsilon = epsilon0 + epsilon1 S + epsilon_F sign(D) P
     eta = eta0 + eta1 S + eta2 S²
-    S = u - M g_right         Z = -S sign(D)          T du/dt = -M w (v_y + x_CM w) - u
-    P = c (sigma(V_l) + sigma(V_r)) / 2 + (a - g_forward) / g
+    S = u - M g_right         Z = -S sign(D)          T du/dt = -M w (v_y - d + x_CM w) - u
+    A = (a - g_forward) / g   P = A + c (sigma(V_l) + sigma(V_r)) / 2
 
-S is the paper's signed force of inertia with gravity's part g_right along the ground. P is the force of
-the ground along the tracks, as a share of the weight: rolling resistance c, acceleration a (lagged, too)
-and gravity's part g_forward. In a turn every contact point slides, so a force along the tracks shifts
-both ICRs alike; epsilon_F is that shift. The paper's model is the steady motion on level ground with
-epsilon_F = 0 (`icreckon.estimator.motion.index_model`).
+S is the paper's signed force of inertia with gravity's part g_right along the ground. A and P are forces
+along the tracks, as a share of the weight: A for the acceleration a (lagged, too) and against gravity's
+part g_forward, P the ground's, against rolling resistance c, too. In a turn every contact point slides:
+P shifts both ICRs to one side by epsilon_F P. A presses on the rear, so the ICRs move back by zeta_F A.
+Part of v_y, by epsilon_F and gravity, is a slide d down the slope. While the robot turns, the direction
+of d in the world is constant: it is no acceleration. The paper's model is the steady motion on level
+ground with epsilon_F = 0 (`icreckon.estimator.motion.index_model`).
 
-S is at most the weight, P at most 1. The ICRs of the tracks stay on both sides of the origin, and y_ICR
+S is at most the weight, A at most 1. The ICRs of the tracks stay on both sides of the origin, and y_ICR
 within the effective gauge: so v_y is between the track speeds for any parameters.
 
 Symbols and axes are the paper's (see `icreckon.estimator.motion.icr`). Floats, complex numbers and traced
@@ -120,7 +122,8 @@ def advanced(
     started = memory[3]
     at = evaluate(*speeds, parameters, gravity, vehicle, memory)
     twist, x_CM = at.kinematic, vehicle.x_CM
-    force = -vehicle.mass * twist.w * (twist.v_y + x_CM * twist.w)
+    slide = -twist.w * at.frees[1] * parameters[8] * at.by_gravity[1] * gravity[1]
+    force = -vehicle.mass * twist.w * (twist.v_y - slide + x_CM * twist.w)
     kept = started * keep
     u = force + kept * (memory[0] - force)
     V_before = started * memory[1] + (1.0 - started) * V_m
@@ -135,7 +138,7 @@ class Evaluation(NamedTuple):
     indices: IndexValues  # index values
     S: Number  # signed specific force, limited to the weight [N]
     force: Number  # the same without the limit [N]
-    Z_S: Number  # derivative of Z by S [-]
+    Z_S: Number  # derivative of Z by S, -sign(D) [-]
     P: Number  # force along the tracks times sign(D), as a share of the weight [-]
     by_gravity: tuple[Number, Number]  # derivatives of S by gravity to the right, of P forward
     by_rolling: tuple[Number, Number]  # derivatives of P by the speeds of both tracks [s/m]
@@ -159,9 +162,9 @@ def evaluate(
     force = memory[0] - vehicle.mass * gravity[0]
     S, S_free = limited(force, weight)
     half_rolling, rolls_l, rolls_r = 0.5 * vehicle.rolling_resistance, _rolls(V_l), _rolls(V_r)
-    rolling = half_rolling * (rolls_l[0] + rolls_r[0])
-    P, P_free = limited(rolling + (memory[2] - gravity[1]) / GRAVITY, 1.0)
-    by_rolling = sign_D * P_free * half_rolling
+    along, along_free = limited((memory[2] - gravity[1]) / GRAVITY, 1.0)
+    P = half_rolling * (rolls_l[0] + rolls_r[0]) + along
+    by_rolling = sign_D * half_rolling
     eta_sum = eta0 + eta1 * S + eta2 * S * S
     # A track never turns the vehicle more than the ideal differential drive does.
     eta_free = at_or_above(eta_sum, 1.0)
@@ -169,7 +172,8 @@ def evaluate(
     half = 0.5 * vehicle.gauge * eta
     epsilon_sum = epsilon0 + epsilon1 * S + epsilon_F * sign_D * P
     epsilon, epsilon_free = limited(epsilon_sum, (1.0 - CLOSEST) * half)
-    zeta, zeta_free = limited(zeta0 - zeta1 * sign_D * S, 2.0 * half)
+    zeta_sum = zeta0 - zeta1 * sign_D * S - vehicle.zeta_F * along
+    zeta, zeta_free = limited(zeta_sum, 2.0 * half)
     w = D / (vehicle.gauge * eta)
     return Evaluation(
         PaperTwist(w * zeta, V_m - w * epsilon, w),
@@ -178,7 +182,7 @@ def evaluate(
         force,
         -sign_D,
         sign_D * P,
-        (-vehicle.mass * S_free, -sign_D * P_free / GRAVITY),
+        (-vehicle.mass * S_free, -sign_D * along_free / GRAVITY),
         (by_rolling * rolls_l[1], by_rolling * rolls_r[1]),
         eta_free * (eta1 + 2.0 * eta2 * S),
         (zeta_free, epsilon_free, eta_free),
@@ -223,7 +227,7 @@ def linearise(
     v_x_by_S = v_x_by_zeta * zeta1 * at.Z_S + by_eta[0] * at.eta_S
     v_y_by_S = v_y_by_epsilon * epsilon1 + by_eta[1] * at.eta_S
     by_gravity = (
-        (S_by_right * v_x_by_S, zero),
+        (S_by_right * v_x_by_S, v_x_by_zeta * vehicle.zeta_F * at.Z_S * P_by_forward),
         (S_by_right * v_y_by_S, v_y_by_P * P_by_forward),
         (S_by_right * (by_eta[2] * at.eta_S), zero),
     )

@@ -45,6 +45,7 @@ class VehicleConstants(NamedTuple):
     y_CM: float  # centre of mass, forward of it [m]
     rolling_resistance: float = 0.0  # coefficient of rolling resistance [-]
     load_lag: float = 0.2  # time constant of the load transfer [s]
+    zeta_F: float = 0.0  # shift of y_ICR backward by a force forward as large as the weight [m]
 
 
 class Motion(NamedTuple):

@@ -9,7 +9,7 @@ it: a poorer model needs more. The defaults here apply if the robot file has no 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -23,7 +23,7 @@ from icreckon.estimator.motion import linear_model
 from icreckon.estimator.motion.icr import GRAVITY, IndexValues
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.motion.linear_model import LinearMotion
-from icreckon.estimator.motion.motion_model import MotionModel
+from icreckon.estimator.motion.motion_model import MotionModel, VehicleConstants
 from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
 from icreckon.estimator.robot.soil import Soil
 
@@ -224,9 +224,10 @@ def initial_parameters(robot: Robot, variant: Variant) -> Floats:
         case "inertia":
             parameters = robot.indices.as_array()
             if robot.indices.epsilon_F is None:
-                zeta1, parameters[EPSILON_F] = coulomb_gains(robot)
+                gains = coulomb_gains(robot)
+                parameters[EPSILON_F] = gains.epsilon_F
                 if not parameters[list(GAINS)].any():
-                    parameters[s.ZETA1 - s.PARAMETERS.start] = zeta1
+                    parameters[s.ZETA1 - s.PARAMETERS.start] = gains.zeta1
             return parameters
         case "linear":
             _, zeta, _, epsilon, _, eta, *_ = robot.constant_indices.as_array()
@@ -235,27 +236,47 @@ def initial_parameters(robot: Robot, variant: Variant) -> Floats:
             return np.concatenate([six, np.zeros(s.PARAMETER_COUNT - len(six))])
 
 
-def coulomb_gains(robot: Robot) -> tuple[float, float]:
-    """Gains zeta1 [m/N] and epsilon_F [m] of Coulomb friction at the contact points.
+class CoulombGains(NamedTuple):
+    """Gains of Coulomb friction at the contact points, see `coulomb_gains`."""
+
+    zeta1: float  # [m/N]
+    epsilon_F: float  # [m]
+    zeta_F: float  # [m]
+
+
+def coulomb_gains(robot: Robot) -> CoulombGains:
+    """Gains of Coulomb friction at the contact points.
 
     In a turn a contact point at y along a track, whose ICR is a away from it, slides in proportion to
     (a, y). All points together push with the shares mean(a / r) and mean(y / r) of their friction along
     and across the track, r² = a² + y². A force along the tracks, as a share of the weight, shifts a by
     1 / (mu mean(y² / r³)); one across them, in N, shifts y_ICR by 1 / (mu M g mean(a² / r³)).
 
-    Both gains are zero if nothing is known of the robot's slip: eta0 is 1 then.
+    A force forward, as a share of the weight, also presses on the rear: with the centre of mass at the
+    height h, loads change by -h y / mean(y²) of themselves. Forces across the tracks are balanced about
+    a y_ICR that is h mean(y² / r) / (mean(y²) mean(a² / r³)) further back.
+
+    All gains are zero if nothing is known of the robot's slip: eta0 is 1 then.
     """
     if robot.constant_indices.eta0 <= 1.0:
-        return 0.0, 0.0
+        return CoulombGains(0.0, 0.0, 0.0)
     vehicle, soil = robot.vehicle, robot.soil
     friction = Soil().friction if soil is None else soil.friction
     half = vehicle.half_contact_length
     y = np.linspace(-half, half, vehicle.contact_points)
     away = 0.5 * (robot.constant_indices.eta0 - 1.0) * vehicle.track_gauge
     a = min(max(away, LEAST_AWAY * half), MOST_AWAY * half)
-    cube = (a * a + y * y) ** 1.5
-    across, along = float(np.mean(a * a / cube)), float(np.mean(y * y / cube))
-    return 1.0 / (friction * vehicle.mass * GRAVITY * across), 1.0 / (friction * along)
+    r = np.hypot(a, y)
+    across, along = float(np.mean(a * a / r**3)), float(np.mean(y * y / r**3))
+    back = vehicle.centre_of_mass[2] * float(np.mean(y * y / r) / np.mean(y * y)) / across
+    weight = vehicle.mass * GRAVITY
+    return CoulombGains(1.0 / (friction * weight * across), 1.0 / (friction * along), back)
+
+
+def vehicle_constants(robot: Robot, model: Model) -> VehicleConstants:
+    """Constants of a model's vehicle; the load moves the ICRs of the inertia-based model alone."""
+    zeta_F = coulomb_gains(robot).zeta_F if model == "inertia" else 0.0
+    return robot.constants._replace(zeta_F=zeta_F)
 
 
 def motion_model(robot: Robot, variant: Variant) -> MotionModel:
@@ -264,7 +285,7 @@ def motion_model(robot: Robot, variant: Variant) -> MotionModel:
         return variant.motion(robot)
     if variant.model == "linear":
         return LinearMotion(robot.constants)
-    return LaggedIndexMotion(robot.constants)
+    return LaggedIndexMotion(vehicle_constants(robot, variant.model))
 
 
 def slip_of(robot: Robot, variant: Variant) -> Slip:
@@ -294,7 +315,7 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
         sizes = adaptation.zeta0 * turn, adaptation.epsilon0 * turn, adaptation.eta0 / eta0 * turn
         return np.array([*np.repeat(sizes, 2), 0.0, 0.0, 0.0])
     force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
-    _, epsilon_F = coulomb_gains(robot)
+    epsilon_F = coulomb_gains(robot).epsilon_F
     sigmas = np.array(
         [
             0.0,  # H

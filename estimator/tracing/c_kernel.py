@@ -8,7 +8,7 @@ from icreckon.estimator.tracing.kernel import FLAG_BITS, Kernel
 from icreckon.estimator.tracing.trace import IN_ORDER, Loop, Traced, reachable
 
 OPERATORS = {"add": "+", "sub": "-", "mul": "*", "and": "&&", "or": "||"}
-FUNCTIONS = {"sqrt": "sqrt", "abs": "fabs", "round": "rint"}
+FUNCTIONS = {"sqrt": "sqrt", "abs": "fabs", "round": "rint", "exp": "exp"}
 
 
 def literal(value: float, bits: int) -> str:
@@ -120,9 +120,6 @@ class _Writer:
                 return f"{args[0]} ? {args[1]} : {args[2]}"
             case "reciprocal":
                 return f"{literal(1.0, self._bits)} / {args[0]}"
-            case "power_of_two":
-                one = literal(1.0, self._bits)
-                return f"{function_name('ldexp', self._bits)}({one}, (int){args[0]})"
         if node.op in OPERATORS:
             return f"{args[0]} {OPERATORS[node.op]} {args[1]}"
         return f"{function_name(FUNCTIONS[node.op], self._bits)}({args[0]})"

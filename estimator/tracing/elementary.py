@@ -7,6 +7,7 @@ from typing import Any
 
 from icreckon.estimator.tracing.trace import (
     Traced,
+    function_of_exp,
     lift,
     maximum,
     minimum,
@@ -39,6 +40,8 @@ def exponential(exponent: Any) -> Any:
     """Exponential of a number of zero or less, within two units in the last place."""
     if not isinstance(exponent, Traced):
         return math.exp(exponent)
+    if Traced.has_exp:
+        return function_of_exp(exponent)
     bits = Traced.bits
     high, low, terms = LN_2[bits]
     exponent = maximum(exponent, LEAST_EXPONENT[bits])

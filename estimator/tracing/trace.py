@@ -50,6 +50,7 @@ class Traced:
     __array_ufunc__ = None
     _nodes: ClassVar[dict[Any, Traced]] = {}
     _known: ClassVar[Mapping[tuple[str, int], float]] = {}
+    has_exp: ClassVar[bool] = False  # the target has a function of the exponential
     bits: ClassVar[int] = 64  # number of bits of all numbers of the graph
 
     op: str  # operation that it results from
@@ -113,13 +114,13 @@ def start(bits: int = 64) -> None:
 
 
 @contextmanager
-def with_known(values: Mapping[tuple[str, int], float]) -> Iterator[None]:
-    """Replace uniform inputs by constants in all graphs, by array and index."""
-    Traced._known = values
+def for_c(known: Mapping[tuple[str, int], float]) -> Iterator[None]:
+    """Make graphs for C; constants replace known uniform inputs, by array and index."""
+    Traced._known, Traced.has_exp = known, True
     try:
         yield
     finally:
-        Traced._known = {}
+        Traced._known, Traced.has_exp = {}, False
 
 
 def lift(value: Any) -> Traced:
@@ -166,6 +167,11 @@ def maximum(first: Any, second: Any) -> Any:
 def rounded(value: Any) -> Any:
     """Nearest whole number."""
     return _unary("round", value, round) if isinstance(value, Traced) else np.rint(value)
+
+
+def function_of_exp(exponent: Traced) -> Traced:
+    """Exponential by the target's own function, see `Traced.has_exp`."""
+    return _unary("exp", exponent, math.exp)
 
 
 def power_of_two(exponent: Traced) -> Traced:

@@ -18,7 +18,7 @@ from icreckon.estimator.motion.bounds import ETA0
 from icreckon.estimator.motion.lagged_index_model import advanced, evaluate
 from icreckon.estimator.motion.motion_model import VehicleConstants
 from icreckon.estimator.robot.robot_file import Indices, Robot
-from icreckon.estimator.robot.variants import find_variant, initial_parameters
+from icreckon.estimator.robot.variants import find_variant, initial_parameters, vehicle_constants
 from icreckon.simulation.drives.trajectories import Command
 from icreckon.simulation.truth.true_motion import (
     DEFAULT_SPREAD,
@@ -47,7 +47,7 @@ class KinematicTruth:
         """Simulate the motion; see `FrictionTruth.run`, and `draw_parameters`."""
         parameters = draw_parameters(robot, self.spread, rng)
         speeds = command(grid_times(duration, rate))
-        vehicle = robot.constants
+        vehicle = vehicle_constants(robot, "inertia")
         from icreckon.estimator.tracing.jit_kernel import entry
 
         solved = np.empty((len(speeds), 3))

@@ -109,7 +109,7 @@ def test_spread_zero_is_the_robot_file():
     drawn = msgspec.structs.replace(SHORT, truth="kinematic")
     exact = msgspec.structs.replace(drawn, truth_spread=0.0)
     # The gain that the file leaves out is that of Coulomb friction.
-    expected = msgspec.structs.replace(ALPHA.indices, epsilon_F=coulomb_gains(ALPHA)[1])
+    expected = msgspec.structs.replace(ALPHA.indices, epsilon_F=coulomb_gains(ALPHA).epsilon_F)
     assert run_scenario(exact, ALPHA).motion.parameters == expected
     assert run_scenario(drawn, ALPHA).motion.parameters != expected
 

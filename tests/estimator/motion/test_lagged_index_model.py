@@ -15,7 +15,7 @@ from icreckon.estimator.robot.robot_file import load_robot
 
 ALPHA = load_robot("auriga-alpha")
 LAG = 0.2
-VEHICLE = VehicleConstants(0.42, 258.0, -0.015, 0.04, 0.05, LAG)
+VEHICLE = VehicleConstants(0.42, 258.0, -0.015, 0.04, 0.05, LAG, 0.2)
 PUBLISHED = ALPHA.indices.as_array()
 WEIGHT = VEHICLE.mass * GRAVITY
 EPSILON_F = 8
@@ -163,7 +163,7 @@ def test_in_steady_motion_on_level_ground_it_is_the_papers_model(speeds, factors
 def test_without_gains_it_is_the_model_of_constant_icrs_on_any_slope() -> None:
     constant = ALPHA.constant_indices.as_array()
     for gravity in ((0.0, 0.0), (2.0, -1.0), (-3.0, 3.0)):
-        found = steady(0.2, 0.7, constant, gravity)
+        found = steady(0.2, 0.7, constant, gravity, VEHICLE._replace(zeta_F=0.0))
         assert found.twist == pytest.approx(solve(0.2, 0.7, constant, VEHICLE).twist, abs=1e-14)
 
 
@@ -193,6 +193,20 @@ def test_a_force_along_the_tracks_takes_from_their_speed_in_a_turn(V_l: float, V
     assert downhill.v_y - level.v_y == pytest.approx(shift, rel=0.1)
     rolling = steady(V_l, V_r, parameters, LEVEL, VEHICLE).twist
     assert abs(rolling.v_y) < abs(level.v_y) or np.sign(V_l) != np.sign(V_r)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_turn_on_a_slope_slides_down_it_without_an_acceleration(side: float) -> None:
+    """The slide has a constant direction in the world; the load alone is behind the middle."""
+    parameters = np.append(PUBLISHED[:8], 0.3)
+    vehicle, uphill = VEHICLE._replace(rolling_resistance=0.0), (0.0, -2.0)
+    level, found = (
+        steady(-0.3 * side, 0.3 * side, parameters, gravity, vehicle) for gravity in (LEVEL, uphill)
+    )
+    slide = abs(level.twist.w) * 0.3 * 2.0 / GRAVITY
+    assert found.twist.v_y == pytest.approx(level.twist.v_y - slide, rel=1e-9)
+    assert found.u == pytest.approx(level.u, abs=1e-9)
+    assert found.indices.zeta == pytest.approx(level.indices.zeta - 0.2 * 2.0 / GRAVITY, abs=1e-9)
 
 
 def test_forces_lag_whatever_the_step() -> None:

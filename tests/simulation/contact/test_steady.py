@@ -127,4 +127,4 @@ def test_epsilon_F_is_what_the_contact_loses_uphill() -> None:
     indices = msgspec.structs.replace(robot.indices, eta0=float(eta))
     robot = msgspec.structs.replace(robot, indices=indices, constant_icr=None)
     lost = level.v_y - uphill.v_y
-    assert lost == pytest.approx(level.w * coulomb_gains(robot)[1] * 0.5 / GRAVITY, rel=0.1)
+    assert lost == pytest.approx(level.w * coulomb_gains(robot).epsilon_F * 0.5 / GRAVITY, rel=0.1)
