@@ -17,6 +17,7 @@ from icreckon.estimator.motion.propagation import GaussMarkov
 from icreckon.estimator.sensors.imu_noise import ImuNoise
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, TrackChange
+from icreckon.estimator.sensors.step_inputs import StepInputs
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential
 from icreckon.estimator.tracing.kernel import Kernel
@@ -229,18 +230,9 @@ class Step:
     def density(self, now: model.TracedTwist) -> Any:
         """Density (3, 3) of the fast slip."""
         lane = self.lane
-        return model.fast_slip_density(
-            now.by_speeds,
-            lane.input("left_density"),
-            lane.input("right_density"),
-            self.slip.white_time,
-            lane.input("speed_decay") * self._sigma()[2],
-            lane.input("gap_density"),
-            lane.input("slide_x_density"),
-            lane.input("slide_y_density"),
-            lane.input("late_density"),
-            lane.constant("dt"),
-        )
+        inputs = StepInputs._make(map(lane.input, StepInputs._fields))
+        of_w, dt = inputs.speed_decay * self._sigma()[2], lane.constant("dt")
+        return model.fast_slip_density(inputs, now.by_speeds, self.slip.white_time, of_w, dt)
 
     def update_standstill(self) -> None:
         """Update standing lanes with a twist of zero.

@@ -26,27 +26,19 @@ UNKNOWN_YAW = math.pi**2 / 3.0
 
 
 class Disturbances:
-    """The process noise of one robot and filter variant.
-
-    Attributes:
-        slip: slip of the variant.
-        bias_walk: (SIZE,) random walk of the biases, zero elsewhere, per √s.
-        parameter_walk: (SIZE,) random walk of the parameters at its full rate, zero elsewhere, per √s.
-        slope_walk: (SIZE,) random walk of gravity, zero elsewhere, per √m of travel.
-        slope_forgetting: rate at which the slope is forgotten [1/m].
-    """
+    """Process noise of a robot and filter variant; walks are (SIZE,), mostly zero."""
 
     def __init__(self, robot: Robot, slip: Slip, parameter_walk: Floats) -> None:
         self.slip = slip
         self._track_gauge = robot.vehicle.track_gauge
-        self.bias_walk = np.zeros(s.SIZE)
+        self.bias_walk = np.zeros(s.SIZE)  # random walk of the biases, per √s
         self.bias_walk[s.GYRO_BIAS] = robot.imu.gyro_bias_walk
         self.bias_walk[s.ACCELEROMETER_BIASES] = robot.imu.accelerometer_bias_walk
-        self.slope_walk, slope = np.zeros(s.SIZE), robot.slope
+        self.slope_walk, slope = np.zeros(s.SIZE), robot.slope  # that of gravity, per √m of travel
         self.slope_walk[s.GRAVITY] = slope.walk if slope.sigma > 0.0 else 0.0
-        # A Gauss-Markov process in the distance, of this standard deviation.
+        # Rate of forgetting [1/m]: a Gauss-Markov process in the distance, of this standard deviation.
         self.slope_forgetting = 0.5 * (slope.walk / slope.sigma) ** 2 if slope.sigma > 0.0 else 0.0
-        self.parameter_walk = np.zeros(s.SIZE)
+        self.parameter_walk = np.zeros(s.SIZE)  # that of the parameters at its full rate, per √s
         self.parameter_walk[s.PARAMETERS] = parameter_walk
 
     def slip_sigma(
@@ -69,19 +61,10 @@ class Disturbances:
         the slip of this `sigma`, the possible change of stale ones, and slides of the robot. `by_speeds`
         (3, 2) is the derivative of the twist by the track speeds, `dt` the length of the step [s].
         """
-        density = fast_slip_density(
-            by_speeds.tolist(),
-            inputs.left_density,
-            inputs.right_density,
-            self.slip.white_time,
-            inputs.speed_decay * sigma[2],
-            inputs.gap_density,
-            inputs.slide_x_density,
-            inputs.slide_y_density,
-            inputs.late_density,
-            dt,
+        of_w = inputs.speed_decay * sigma[2]
+        return np.array(
+            fast_slip_density(inputs, by_speeds.tolist(), self.slip.white_time, of_w, dt)
         )
-        return np.array(density)
 
 
 def slip_at(
@@ -128,44 +111,26 @@ def change_density(sigma: float, time_constant: float) -> float:
 
 
 def fast_slip_density(
-    by_speeds: Any,
-    left_density: float,
-    right_density: float,
-    white_time: float,
-    sigma_w: float,
-    gap_density: float,
-    slide_x_density: float,
-    slide_y_density: float,
-    late_density: float,
-    dt: float,
+    inputs: Any, by_speeds: Any, white_time: float, sigma_w: float, dt: float
 ) -> tuple[Vector3, Vector3, Vector3]:
     """(3, 3) density of the fast slip; see `Disturbances.fast_slip_density`.
 
-    Args:
-        by_speeds: (3, 2) derivative of the twist by the track speeds.
-        left_density: density of the error of the left track's speed [m²/s].
-        right_density: density of the error of the right track's speed [m²/s].
-        white_time: white time of the slip, see `Slip` [s].
-        sigma_w: standard deviation of the slip of w [rad/s].
-        gap_density: density of the change of speeds in a gap of their measurements: of their mean, and
-            of their half difference [m²/s].
-        slide_x_density: density of the forward speed of a robot that slides or is carried [m²/s].
-        slide_y_density: density of the speed to the left of a robot that is carried [m²/s].
-        late_density: error density of the yaw rate by late track speeds [rad²/s].
-        dt: length of the step [s].
+    `inputs` is a `StepInputs`, or a record with its densities; `white_time` is that of the slip, see
+    `Slip` [s], and `sigma_w` the standard deviation of the slip of w [rad/s].
     """
+    left, right, gap = inputs.left_density, inputs.right_density, inputs.gap_density
     x, y, w = by_speeds[0], by_speeds[1], by_speeds[2]
-    xy = left_density * x[0] * y[0] + right_density * x[1] * y[1]
-    xw = left_density * x[0] * w[0] + right_density * x[1] * w[1]
-    yw = left_density * y[0] * w[0] + right_density * y[1] * w[1]
-    xx = left_density * (x[0] * x[0]) + right_density * (x[1] * x[1])
-    xx += gap_density + slide_x_density
-    yy = left_density * (y[0] * y[0]) + right_density * (y[1] * y[1])
-    yy += gap_density * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP) + slide_y_density
-    ww = left_density * (w[0] * w[0]) + right_density * (w[1] * w[1])
-    ww += 2.0 * white_time * (sigma_w * sigma_w) + late_density
+    xy = left * x[0] * y[0] + right * x[1] * y[1]
+    xw = left * x[0] * w[0] + right * x[1] * w[1]
+    yw = left * y[0] * w[0] + right * y[1] * w[1]
+    xx = left * (x[0] * x[0]) + right * (x[1] * x[1])
+    xx += gap + inputs.slide_x_density
+    yy = left * (y[0] * y[0]) + right * (y[1] * y[1])
+    yy += gap * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP) + inputs.slide_y_density
+    ww = left * (w[0] * w[0]) + right * (w[1] * w[1])
+    ww += 2.0 * white_time * (sigma_w * sigma_w) + inputs.late_density
     # Over the step, the gap adds no more to the variance of the yaw than `UNKNOWN_YAW`.
-    gap_density_w = 2.0 * gap_density * (w[0] * w[0] + w[1] * w[1])
+    gap_density_w = 2.0 * gap * (w[0] * w[0] + w[1] * w[1])
     ww += gap_density_w * (UNKNOWN_YAW / max(UNKNOWN_YAW, gap_density_w * dt))
     return (xx, xy, xw), (xy, yy, yw), (xw, yw, ww)
 

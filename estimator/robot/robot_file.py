@@ -50,7 +50,8 @@ class Vehicle(Bounded, frozen=True):
         mass: mass of the vehicle with its load [kg].
         track_gauge: distance L between the track (wheel) centrelines [m].
         sprocket_radius: effective radius that turns sprocket (wheel) rates into track speeds [m].
-        centre_of_mass: x forward, y left, z up [m].
+        centre_of_mass: x forward, y left, z up; 0.3 of the gauge up is usual, and 0 means no load
+            transfer [m].
         half_contact_length: half the length of a track's contact with the ground, or half the
             wheelbase [m].
         contact_points: evenly spaced points along each track that press on the ground: 2 for a pair of

@@ -274,7 +274,7 @@ def coulomb_gains(robot: Robot) -> CoulombGains:
 
 
 def vehicle_constants(robot: Robot, model: Model) -> VehicleConstants:
-    """Constants of a model's vehicle; the load moves the ICRs of the inertia-based model alone."""
+    """Constants of the model; load moves the ICRs of the inertia-based one alone."""
     zeta_F = coulomb_gains(robot).zeta_F if model == "inertia" else 0.0
     return robot.constants._replace(zeta_F=zeta_F)
 

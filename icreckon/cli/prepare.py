@@ -38,10 +38,9 @@ def command(
             "NUMBA_CACHE_DIR to a folder that can"
         )
     # First those that compile most: one of streaming, one of studies.
-    first, *others = [
-        ("streaming", compile_streaming, names) for names in reversed(by_model(VARIANTS))
-    ]
-    tasks = [first, *(("study", _run_study, [name]) for name in study_names()), *others]
+    streams = [("streaming", compile_streaming, names) for names in reversed(by_model(VARIANTS))]
+    studies = [("study", _run_study, [name]) for name in study_names()]
+    tasks = [streams[0], *studies, *streams[1:]]
     count = min(workers or min(worker_count(None), MOST_WORKERS), len(tasks))
     say(f"compiling with {count} processes")
     with progress("compiling") as report, worker_processes(count) as pool:

@@ -3,12 +3,13 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import BLOCKS
 from icreckon.estimator.log.failed_sensors import (
     RIGHT,
@@ -74,7 +75,7 @@ UNIT_ERRORS = (
 )
 COUNT_QUESTION = "is counts_per_turn off by that (lines or edges, gears), or the radius a diameter?"
 COUNT_ERRORS = tuple((size, COUNT_QUESTION) for size in (0.25, 0.5, 2.0, 4.0))
-BACKWARD_WINDOW = 0.5  # windows in which driving backward is looked for [s]
+SIGN_WINDOW = 0.5  # windows in which signs are compared with those of a truth [s]
 USUAL_ERROR = 0.05  # largest relative distance from a usual error [-]
 PLAUSIBLE = (3e-4, 3e3)  # scales that are a matter of units at all [-]
 # Fewest samples of a gyro that reads one value, and turning of the tracks that a gyro must show [rad/s].
@@ -158,7 +159,8 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         in_log = f"{ratio:.0f} times the tracks' turning"
         problem = f"the gyro reads {ratio:.0f} times what the tracks turn: it is in deg/s"
         remedy, measured = 'rate_unit = "deg/s" in [log.imu]', Measured(ratio, "-", 1.0)
-        yield Check("unit of the gyro", "rad/s", in_log, problem, remedy, _in_radians, measured)
+        in_radians = partial(_with_rates, factor=math.pi / 180.0)
+        yield Check("unit of the gyro", "rad/s", in_log, problem, remedy, in_radians, measured)
     check = replace(check, measured=Measured(correlation, "-", 1.0))
     yield _clear_turning(log, log.imu, robot, check, turns_alike=correlation > 0.0)
 
@@ -168,7 +170,13 @@ def _clear_turning(
 ) -> Check:
     """Check of tracks that turn as the gyro, or opposite: swapped, or reversed?"""
     vertical, force = in_base(imu, robot)
-    is_backward = _drives_backward(log)  # None without a truth
+    # None without a truth
+    is_backward = _is_opposite(log, log.tracks.stamps, log.tracks.speeds.mean(axis=1), 0)
+    if _is_opposite(log, imu.stamps, vertical, 2):
+        text = "the gyro's signs are wrong: it turns the other way than the truth"
+        table = mapped_table(robot, "imu")
+        remedy = f"a negative number as rate_unit in [{table}], -1.0 for rad/s (or z points down)"
+        return check.contradicted(text, remedy, partial(_with_rates, factor=-1.0))
     by_imu = False
     if is_backward is None and force is not None:
         horizontal = np.nan_to_num(force[:, :2])
@@ -201,8 +209,11 @@ def _clear_turning(
             text += " and accelerate the other way than the IMU"
             remedy += " (or left and right are swapped, and the IMU is turned by 180 deg)"
     else:
-        text = "left and right are swapped: the tracks turn the other way than the gyro"
-        remedy = f"{exchange} (or the gyro's z axis points down)"
+        text, remedy = "left and right are swapped", exchange
+        if is_backward is None:
+            text += ", or the gyro's signs are wrong"
+            remedy += " (or the gyro's z axis points down, or needs a negative rate_unit)"
+        text += ": the tracks turn the other way than the gyro"
         correction = with_speeds(lambda speeds: speeds[:, ::-1].copy())
     return check.contradicted(text, remedy, correction)
 
@@ -242,28 +253,28 @@ def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate:
     )
 
 
-def _drives_backward(log: Log) -> bool | None:
-    """True if tracks drive backward where the truth drives forward; None if unknown."""
+def _is_opposite(log: Log, stamps: Stamps, values: Floats, axis: int) -> bool | None:
+    """True if speeds (axis 0) or yaw rates (2) have the wrong signs, None if unknown."""
     truth = log.truth
     if truth is None or not truth.headings:
         return None
-    motion = true_motion(log, truth, BACKWARD_WINDOW)
+    motion = true_motion(log, truth, SIGN_WINDOW)
     if motion is None:
         return None
     edges, moved = motion
-    ahead, middles = moved[:, 0], 0.5 * (edges[1:] + edges[:-1])
-    speed = np.interp(middles, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
-    size = float(np.linalg.norm(ahead) * np.linalg.norm(speed))
+    true, middles = moved[:, axis], 0.5 * (edges[1:] + edges[:-1])
+    found = np.interp(middles, stamps, values)
+    size = float(np.linalg.norm(true) * np.linalg.norm(found))
     if size == 0.0:
         return None
-    agreement = float(ahead @ speed) / size  # from -1 to 1, as of a correlation about zero
+    agreement = float(true @ found) / size  # from -1 to 1, as of a correlation about zero
     return agreement < 0.0 if abs(agreement) > imu_mounting.CLEAR_TURNING else None
 
 
-def _in_radians(log: Log, robot: Robot) -> tuple[Log, Robot]:
-    """Correction of a gyro in deg/s."""
+def _with_rates(log: Log, robot: Robot, *, factor: float) -> tuple[Log, Robot]:
+    """Correct a gyro whose readings have the wrong unit or signs."""
     assert log.imu is not None  # noqa: S101 - checked by the caller
-    rates = np.radians(log.imu.angular_velocity)
+    rates = factor * log.imu.angular_velocity
     return replace(log, imu=replace(log.imu, angular_velocity=rates)), robot
 
 

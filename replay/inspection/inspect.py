@@ -449,8 +449,8 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
     if mounting is not None and (mounting.turning_correlation or 0.0) < -wheels.CLEAR_SIGN:
         yield (
             "tracks: they turn the other way than the gyro (correlation "
-            f"{mounting.turning_correlation:.2f}): left and right may be swapped, or the IMU is "
-            "upside down"
+            f"{mounting.turning_correlation:.2f}): left and right may be swapped, the gyro's signs "
+            "wrong, or the IMU upside down"
         )
     if mounting is not None and (mount := estimates.imu_mount) is not None:
         contradiction = static_frames.contradiction(mounting, mount)

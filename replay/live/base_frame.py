@@ -26,24 +26,18 @@ class BaseFrame:
 
     def pose_in_odom(self, pose: Floats, covariance: Floats) -> tuple[Floats, Floats]:
         """Pose of the base frame in odom; the centre's is in the axes of its start."""
-        if not self._moves:
-            return pose, covariance
         placed, covariance = self.pose_in_map(pose, covariance)
         turn = self._turn()
         return relative(self._offset, placed), turn @ covariance @ turn.T
 
     def pose_in_map(self, pose: Floats, covariance: Floats) -> tuple[Floats, Floats]:
         """Pose of the base frame in map, and its covariance."""
-        if not self._moves:
-            return pose, covariance
         x, y = rotate(self._offset[:2], pose[2]).tolist()
         jacobian = np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]])
         return compose(pose, self._offset), jacobian @ covariance @ jacobian.T
 
     def twist(self, twist: Floats, covariance: Floats) -> tuple[Floats, Floats]:
         """Twist of the base frame in its own axes, and its covariance."""
-        if not self._moves:
-            return twist, covariance
         x, y, _ = self._offset.tolist()
         jacobian = self._turn() @ np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]])
         return jacobian @ twist, jacobian @ covariance @ jacobian.T
@@ -65,8 +59,6 @@ class BaseFrame:
 
     def twist3d(self, twist: Twist3d, planar: Floats, covariance: Floats) -> Twist3d:
         """Twist of the base frame with rates of roll and pitch; arguments as of `pose3d`."""
-        if not self._moves:
-            return twist
         linear = np.array([*planar[:2], 0.0])
         angular = np.array([*(self._turn()[:2, :2] @ twist.angular[:2]), planar[2]])
         return Twist3d(linear, angular, self._with_turned_tilt(twist.covariance, covariance))
@@ -81,15 +73,11 @@ class BaseFrame:
 
     def centre(self, pose: Pose) -> Pose:
         """Pose of the centre if the base frame has this one: x, y [m], yaw [rad]."""
-        if not self._moves:
-            return pose
         x, y, yaw = compose(pose, relative(self._offset, CENTRE)).tolist()
         return (x, y, yaw)
 
     def point(self, x: float, y: float) -> tuple[float, float]:
         """Convert a point from the estimator's frame to the base frame [m]."""
-        if not self._moves:
-            return (x, y)
         forward, left, _ = relative(self._offset, (x, y, 0.0)).tolist()
         return (forward, left)
 

@@ -27,13 +27,10 @@ class MapFrame:
 
     Args:
         start: pose of the centre of the tracks in `map` to begin with; None to begin at a fix.
-
-    Attributes:
-        estimator: the estimator; None before it starts.
     """
 
     def __init__(self, start: Start | None = None) -> None:
-        self.estimator: PoseEstimator | None = None
+        self.estimator: PoseEstimator | None = None  # None before it starts
         self._heading: HeadingFix | None = None  # newest one before the estimator starts
         # Newest poses in `odom`, with their stamps: fixes come late.
         self._path: deque[tuple[int, Floats]] = deque(maxlen=MOST_POSES)

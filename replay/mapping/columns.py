@@ -139,8 +139,9 @@ class ImuKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         angular_velocity: fields or columns of x, y and z, or of z alone, as "gyro.z" or "data[0]"; empty
             for Imu.
         linear_acceleration: those of x, y and z (specific force); empty for none, and for Imu.
-        rate_unit: unit of the angular velocity; a number is the size of a count [rad/s].
-        acceleration_unit: unit of the acceleration; a number is the size of a count [m/s²].
+        rate_unit: unit of the angular velocity; a number is the size of a count [rad/s], negative if the
+            signs are wrong.
+        acceleration_unit: unit of the acceleration; a number is the size of a count [m/s²], likewise.
         latency: latency of the stamps, subtracted from them [s].
     """
 
@@ -153,8 +154,8 @@ class ImuKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     def __post_init__(self) -> None:
         check_bounds(self)
         for name in ("rate_unit", "acceleration_unit"):
-            if not isinstance(size := getattr(self, name), str) and not 0.0 < size < math.inf:
-                raise ValueError(f"{name} must be a unit, or a positive number, found {size}")
+            if not isinstance(size := getattr(self, name), str) and not 0.0 < abs(size) < math.inf:
+                raise ValueError(f"{name} must be a unit, or a number other than 0, found {size}")
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -33,17 +33,12 @@ class JointReader:
     """Reader of JointState: values of the left joints, then of the right ones.
 
     Joints that a message does not have are NaN in its row; `wheels.interpolated` fills them in.
-
-    Attributes:
-        joints: names of the joints, those of the left side first.
-        seen: names of the joints found so far.
-        positions: whether positions are used instead of velocities.
     """
 
     def __init__(self, joints: Sequence[str], positions: bool = False) -> None:
-        self.seen: set[str] = set()
-        self.positions = positions
-        self.joints = joints
+        self.seen: set[str] = set()  # names of the joints found so far
+        self.positions = positions  # whether positions are used instead of velocities
+        self.joints = joints  # names of the joints, those of the left side first
         self._places: dict[tuple[str, ...], dict[str, int]] = {}
 
     def __call__(self, message: Any) -> Row | None:  # noqa: D102

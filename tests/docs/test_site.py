@@ -50,6 +50,8 @@ def test_the_tables_of_keys_and_options_are_those_of_the_code() -> None:
 
 def test_the_names_of_the_architecture_are_in_the_code() -> None:
     page = (DOCS / "explanation" / "architecture.md").read_text(encoding="utf-8")
+    contributing = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    page += contributing.split("## Where to begin with a change")[1].split("\n## ")[0]
     files = (path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
     words = {word for path in files for word in re.findall(r"\w+", path.read_text("utf-8"))}
     names = re.findall(r"`((?:[A-Z]\w*\.)?[A-Za-z_]\w*)`", page)

@@ -117,6 +117,11 @@ ERRORS = {
     "backward IMU": (mounted(0.0, 0.0, 180.0), None, {FORWARD: "180 deg"}),
     "IMU to the left": (mounted(0.0, 0.0, 90.0), None, {FORWARD: "+90 deg"}),
     "deg/s": (lambda log: scaled_imu(log, rates=180 / np.pi), None, {"unit of the gyro": "deg/s"}),
+    "gyro's signs": (
+        lambda log: scaled_imu(log, rates=-1.0),
+        None,
+        {TURNING: "the gyro's signs are wrong"},
+    ),
     "in g": (lambda log: scaled_imu(log, forces=1.0 / 9.81), None, {FORCE: "in g?"}),
     "gravity of 9.29": (
         lambda log: scaled_imu(log, forces=9.29 / 9.81),
@@ -156,6 +161,13 @@ def test_an_error_is_named_alone_and_mended(log: Log, name: str):
     for quantity, text in expected.items():
         assert text in found[quantity]
     assert problems(*corrected(wrong, robot)) == {}
+
+
+@pytest.mark.parametrize("name", ["left and right", "gyro's signs"])
+def test_without_a_truth_either_tracks_or_gyro_may_be_wrong(log: Log, name: str):
+    of_log, _, _ = ERRORS[name]
+    found = problems(replace(of_log(log), truth=None), ALPHA)[TURNING]
+    assert "left and right are swapped, or the gyro's signs are wrong" in found
 
 
 @pytest.mark.parametrize(
