@@ -148,5 +148,4 @@ def model_of(name: str, robot: Robot) -> Model:
         for rank, (key, unit, threshold) in enumerate(table)
     }
     parameters = tuple(by_name[names[place]] for place in places)
-    vehicle = vehicle_constants(robot, "inertia" if name == "inertia" else "constant")
-    return Model(name, parameters, vehicle, places, robot.indices.H)
+    return Model(name, parameters, vehicle_constants(robot, name), places, robot.indices.H)

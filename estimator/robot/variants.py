@@ -273,7 +273,7 @@ def coulomb_gains(robot: Robot) -> CoulombGains:
     return CoulombGains(1.0 / (friction * weight * across), 1.0 / (friction * along), back)
 
 
-def vehicle_constants(robot: Robot, model: Model) -> VehicleConstants:
+def vehicle_constants(robot: Robot, model: str) -> VehicleConstants:
     """Constants of the model; load moves the ICRs of the inertia-based one alone."""
     zeta_F = coulomb_gains(robot).zeta_F if model == "inertia" else 0.0
     return robot.constants._replace(zeta_F=zeta_F)

@@ -172,10 +172,11 @@ def _clear_turning(
     vertical, force = in_base(imu, robot)
     # None without a truth
     is_backward = _is_opposite(log, log.tracks.stamps, log.tracks.speeds.mean(axis=1), 0)
-    if _is_opposite(log, imu.stamps, vertical, 2):
+    # Where tracks and gyro agree, it is the truth that turns the other way.
+    if not turns_alike and _is_opposite(log, imu.stamps, vertical, 2):
         text = "the gyro's signs are wrong: it turns the other way than the truth"
         table = mapped_table(robot, "imu")
-        remedy = f"a negative number as rate_unit in [{table}], -1.0 for rad/s (or z points down)"
+        remedy = f"a negative rate_unit in [{table}], -1.0 for rad/s (or its z axis points down)"
         return check.contradicted(text, remedy, partial(_with_rates, factor=-1.0))
     by_imu = False
     if is_backward is None and force is not None:

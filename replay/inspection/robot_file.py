@@ -118,9 +118,7 @@ def _vehicle_lines(estimates: LogEstimates) -> list[str]:
             "between the centrelines of tracks or wheels"
         )
     mass = f"mass = nan               {FILL_IN} (kg, with load)"
-    centre = (
-        f"centre_of_mass = [0.0, 0.0, 0.2]    {FILL_IN} (m forward, left, up; up 0.3 of the gauge?)"
-    )
+    centre = f"centre_of_mass = [0.0, 0.0, 0.2]    {FILL_IN} (m forward, left, 0.3 gauges up)"
     lines = ["[vehicle]", mass, gauge, _radius_line(estimates), centre]
     # Metres per unit of the log's track speeds, which were read with a radius of 1 m.
     radius = estimates.sizes.radius or estimates.wheels.distance_ratio

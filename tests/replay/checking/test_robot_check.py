@@ -170,6 +170,12 @@ def test_without_a_truth_either_tracks_or_gyro_may_be_wrong(log: Log, name: str)
     assert "left and right are swapped, or the gyro's signs are wrong" in found
 
 
+def test_a_mirrored_truth_does_not_blame_the_gyro(log: Log):
+    """Its y axis points to the right, as in NED; tracks and gyro agree."""
+    poses = replace(log.truth.poses, poses=log.truth.poses.poses * [1.0, -1.0, -1.0])
+    assert TURNING not in problems(replace(log, truth=replace(log.truth, poses=poses)), ALPHA)
+
+
 @pytest.mark.parametrize(
     ("error", "table"), [("left and right", "tracks"), ("backward", "tracks"), ("deg/s", "imu")]
 )
