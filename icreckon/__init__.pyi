@@ -34,6 +34,7 @@ from icreckon.estimator.filter.health import SensorHealth as SensorHealth
 from icreckon.estimator.filter.health import TiltHealth as TiltHealth
 from icreckon.estimator.filter.health import TrackLatencyHealth as TrackLatencyHealth
 from icreckon.estimator.filter.health import WanderHealth as WanderHealth
+from icreckon.estimator.log.body_velocities import body_velocities as body_velocities
 from icreckon.estimator.log.log import Log as Log
 from icreckon.estimator.log.measurements import BodyVelocity as BodyVelocity
 from icreckon.estimator.log.measurements import HeadingFix as HeadingFix

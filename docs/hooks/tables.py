@@ -46,7 +46,7 @@ TYPES = {
     name: getattr(module, name)
     for module, names in (
         (robot_file, "Vehicle Indices ConstantIcr Imu Tracks Slope UndetectedSlip Slip"),
-        (topics, "TrackTopic ImuTopic FixTopic HeadingTopic TruthTopic"),
+        (topics, "TrackTopic ImuTopic FixTopic HeadingTopic VelocityTopic TruthTopic"),
         (columns, "ColumnMap TrackColumns ImuColumns PoseColumns HeadingColumns"),
         (scenario, "Scenario"),
         (specs, "EncoderSpec InertialSpec FixSpec"),
@@ -61,6 +61,7 @@ TWINS = {
     "ImuTopic": ("TrackTopic", "[log.tracks]"),
     "FixTopic": ("TrackTopic", "[log.tracks]"),
     "HeadingTopic": ("TrackTopic", "[log.tracks]"),
+    "VelocityTopic": ("TrackTopic", "[log.tracks]"),
     "TruthTopic": ("TrackTopic", "[log.tracks]"),
     "TrackColumns": ("TrackTopic", "[log.tracks]"),
     "ImuColumns": ("ImuTopic", "[log.imu]"),

@@ -62,7 +62,7 @@ class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def of(cls, robot: Robot) -> Latencies:
         """Latencies of a robot file's `[log]`; the tracks' is estimated if not given.
 
-        Headings without a latency have that of `[log.fixes]`. Pose fixes and body velocities have none.
+        Headings without a latency have that of `[log.fixes]`. Pose fixes have none.
         """
 
         def latency(stream: str) -> float | None:
@@ -75,6 +75,7 @@ class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             imu=latency("imu") or 0.0,
             position=fixes or 0.0,
             heading=(fixes if heading is None else heading) or 0.0,
+            body_velocity=latency("velocity") or 0.0,
             estimate_tracks=tracks is None,
         )
 

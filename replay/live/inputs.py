@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.log.body_velocities import LEAST
 from icreckon.estimator.log.measurements import (
     HeadingFix,
     ImuSample,
@@ -23,7 +24,13 @@ from icreckon.replay.live.apart_messages import ApartMessages
 from icreckon.replay.live.clock_watch import ClockWatch
 from icreckon.replay.live.silence import missing_joints
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
-from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, TopicMap, TrackTopic
+from icreckon.replay.mapping.topics import (
+    FixTopic,
+    HeadingTopic,
+    TopicMap,
+    TrackTopic,
+    VelocityTopic,
+)
 from icreckon.replay.mapping.track_units import differences
 from icreckon.replay.reading import conversions
 from icreckon.replay.reading.clocks import (
@@ -39,7 +46,7 @@ from icreckon.replay.reading.stream import Row, Stream, UnusableError, unreadabl
 from icreckon.replay.reading.tf import TransformStream
 from icreckon.replay.reading.wheels import mean_of_sides
 
-PURPOSES = ("tracks", "imu", "fixes", "heading")  # streams that a live estimator uses
+PURPOSES = ("tracks", "imu", "fixes", "heading", "velocity")  # streams that a live estimator uses
 WATCHED = ("tracks", "imu")  # streams whose stamps show that a clock was set forward
 WITNESSES = 5  # messages of each stream of tracks and IMU after which the clocks are chosen
 LONGEST_WAIT = 2.0  # time after the first message at which the clocks are chosen at the latest [s]
@@ -52,7 +59,7 @@ TRANSFORM_MEMORY = 2 * NANOSECONDS  # age of the oldest transforms that are kept
 class Subscription(NamedTuple):
     """Topic that is subscribed to."""
 
-    purpose: str  # "tracks", "imu", "fixes" or "heading"
+    purpose: str  # one of `PURPOSES`
     topic: str  # its name
     types: tuple[str, ...]  # supported message types; empty if any type is read by field paths
     latched: bool = False  # True if late subscribers get the last messages, as of /tf_static
@@ -93,6 +100,9 @@ class LiveInputs:
     _wheels: ApartMessages = field(default_factory=ApartMessages)
     _forces: ApartMessages = field(default_factory=lambda: ApartMessages(at=0))
     _counter: tuple[int, Floats] | None = None  # newest positions of wheels, with their stamp [ns]
+    _odometry: tuple[int, Floats] | None = (
+        None  # newest row of another odometry, with its stamp [ns]
+    )
     _newest_transform: int = -1  # its stamp [ns]; -1 before the first
     _went_back: int | None = None  # time to which the clock of arrivals went back [ns]
     _ahead_ns: int = 0  # header stamp minus arrival of the newest message
@@ -190,6 +200,7 @@ class LiveInputs:
         self._waiting.clear()
         self._wheels, self._forces = ApartMessages(), ApartMessages(at=0)
         self._begun, self._counter, self._newest_transform, self._ahead_ns = None, None, -1, 0
+        self._odometry = None
         for stream in self._streams.values():
             if isinstance(stream, TransformStream):
                 stream.forget_transforms()
@@ -349,6 +360,8 @@ class LiveInputs:
                     yield ImuSample(row_stamp, (x, y, z), (a_x, a_y, a_z) if has_forces else None)
             case "fixes":
                 yield from self._fix(stamp, rows, msgtype, mapped)
+            case "velocity":
+                yield from self._velocity(stamp, rows, mapped)
             case _:
                 yield from self._heading(stamp, rows, mapped)
 
@@ -404,6 +417,17 @@ class LiveInputs:
             self._lose("heading", "no covariance, and no sigma given")
             return
         yield HeadingFix(stamp, float(yaw[0]), float(variances[0]))
+
+    def _velocity(self, stamp: int, rows: Floats, mapped: VelocityTopic) -> Iterator[Measurement]:
+        """Velocity by a row, or of poses by the row before and this one."""
+        stamps, last = np.array([stamp]), self._odometry
+        if np.isfinite(rows[0, 0]):
+            if last is not None:
+                if abs(stamp - last[0]) * NANOSECOND < LEAST:
+                    return
+                stamps, rows = np.array([last[0], stamp]), np.stack([last[1], rows[0]])
+            self._odometry = stamp, rows[-1]
+        yield from conversions.velocities(stamps, rows, mapped)
 
 
 def _track_speeds(stamp: int, wheel_speeds: Floats, left_count: int) -> TrackSpeeds:

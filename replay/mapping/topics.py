@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from icreckon.estimator.base.checks import Bound, Bounded, Latency, Positive, check_bounds
+from icreckon.estimator.base.checks import Bound, Bounded, Latency, OnRobot, Positive, check_bounds
 from icreckon.estimator.base.config import convert
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
@@ -123,6 +123,28 @@ class HeadingTopic(Bounded, frozen=True):
     latency: Latency = 0.0
 
 
+class VelocityTopic(Bounded, frozen=True):
+    """The topic of another odometry, by camera, lidar or radar: a velocity.
+
+    Attributes:
+        topic: name; geometry_msgs/TwistStamped or TwistWithCovarianceStamped, or nav_msgs/Odometry,
+            geometry_msgs/PoseStamped or PoseWithCovarianceStamped, of which the motion between successive
+            poses is used.
+        sigma: standard deviation of the velocity forward and to the left [m/s].
+        position: place of the sensor in base_link, forward, left [m].
+        yaw_deg: direction of its x axis in base_link [deg].
+        time: clock of the stamps.
+        latency: latency of the stamps, subtracted from them [s].
+    """
+
+    topic: str
+    sigma: Positive
+    position: tuple[OnRobot, OnRobot] = (0.0, 0.0)
+    yaw_deg: Annotated[float, Bound("a number")] = 0.0
+    time: Clock = "auto"
+    latency: Latency = 0.0
+
+
 class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The topics of the truth.
 
@@ -165,13 +187,14 @@ class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     fixes: FixTopic | None = None  # topic of the fixes
     truth: TruthTopic | None = None  # topics of the truth
     heading: HeadingTopic | None = None  # topic of a heading without a position
+    velocity: VelocityTopic | None = None  # topic of another odometry
     columns: ColumnMap | None = None  # columns of each stream, for tables (CSV, Parquet)
 
     def __post_init__(self) -> None:
         if self.truth and self.truth.tracks and not (self.tracks and self.tracks.left):
             raise ValueError("truth.tracks needs the joints left and right of tracks")
 
-    def keys_of(self, purpose: Literal["tracks", "imu", "fixes", "heading"]) -> Any:
+    def keys_of(self, purpose: Literal["tracks", "imu", "fixes", "heading", "velocity"]) -> Any:
         """Topic or columns of a stream, such as "fixes"; None if neither is mapped."""
         return getattr(self, purpose) or getattr(self.columns, purpose, None)
 

@@ -12,14 +12,22 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.frames import wrap_angle, yaw_to_quaternion
-from icreckon.estimator.log.measurements import HeightFix
+from icreckon.estimator.log.body_velocities import body_velocities, of_twists
+from icreckon.estimator.log.measurements import BodyVelocity, HeightFix
+from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import Vehicle
 from icreckon.replay.bags.message_types import IMU, OF_A_BODY
 from icreckon.replay.mapping.columns import HeadingColumns, ImuColumns, PoseColumns, TrackColumns
 from icreckon.replay.mapping.field_paths import field_reader
-from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, ImuTopic, TrackTopic
+from icreckon.replay.mapping.topics import (
+    FixTopic,
+    HeadingTopic,
+    ImuTopic,
+    TrackTopic,
+    VelocityTopic,
+)
 from icreckon.replay.mapping.track_units import metres
-from icreckon.replay.reading.message_rows import imu_row
+from icreckon.replay.reading.message_rows import TWIST, imu_row, planar_poses
 from icreckon.replay.reading.stream import Readers, Row, RowReader
 
 RADIANS = {"rad": 1.0, "deg": math.pi / 180.0}
@@ -205,6 +213,17 @@ def headings(rows: Floats, mapped: HeadingTopic | HeadingColumns) -> tuple[Float
     if mapped.sigma is not None:
         variances[np.isnan(variances)] = mapped.sigma**2
     return yaw, variances
+
+
+def velocities(stamps: Stamps, rows: Floats, mapped: VelocityTopic) -> list[BodyVelocity]:
+    """Convert rows of `message_rows.VELOCITY_READERS`, all poses or all twists.
+
+    Poses need two rows for a velocity.
+    """
+    place = mapped.sigma, mapped.position, math.radians(mapped.yaw_deg)
+    if np.isnan(rows[:, 0]).all():
+        return of_twists(stamps, rows[:, TWIST], *place)
+    return body_velocities(PoseSeries(stamps, planar_poses(rows)), *place)
 
 
 def fit_for_truth(variances: Floats) -> NDArray[np.bool_]:

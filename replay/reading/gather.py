@@ -277,6 +277,8 @@ def wanted_streams(
         yield pose_stream("fixes", fixes)
     if heading := mapping.heading:
         yield stream("heading", heading.topic, heading, message_rows.HEADING_READERS)
+    if velocity := mapping.velocity:
+        yield stream("velocity", velocity.topic, velocity, message_rows.VELOCITY_READERS)
     if truth := mapping.truth:
         yield pose_stream("truth", truth)
         if truth.twist:

@@ -110,6 +110,10 @@ POSE_READERS: dict[str, RowReader] = {
         message.pose.pose, _variances(message.pose.covariance), _planar(message.twist.twist)
     ),
 }
+VELOCITY_READERS: dict[str, RowReader] = POSE_READERS | {
+    ros.TWIST: lambda message: (*[NAN] * 8, *_planar(message.twist), NAN),
+    ros.TWIST_WITH_COVARIANCE: lambda message: (*[NAN] * 8, *_planar(message.twist.twist), NAN),
+}
 POSE_WIDTH = 12
 """Rows x, y, q_x, q_y, q_z, q_w, variance of position and of yaw, v_x, v_y, w, z; NaN for none."""
 # Columns of these rows.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.log import series
 from icreckon.estimator.log.log import Log, screen
-from icreckon.estimator.log.measurements import HeadingFix, HeightFix, Measurement
+from icreckon.estimator.log.measurements import BodyVelocity, HeadingFix, HeightFix, Measurement
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX, OF_A_BODY
 from icreckon.replay.base.errors import OF_ROBOT_FILE, OF_STAMPS, ApartError, ReplayError
@@ -95,12 +95,13 @@ class _Assembly:
         imu = self._imu(stream) if (stream := streams.get("imu")) else None
         fixes = self._fixes(stream) if (stream := streams.get("fixes")) else None
         headings = self._headings(stream) if (stream := streams.get("heading")) else ()
+        velocities = self._velocities(stream) if (stream := streams.get("velocity")) else ()
         truth = self._truth(stream, streams) if (stream := streams.get("truth")) else None
         for stream in streams.values():
             for reason, count in stream.lost.items():
                 self.dropped[f"{stream.purpose}: {reason}"] += count
             self.notes += stream.notes
-        others: tuple[Measurement, ...] = (*headings, *self._heights)
+        others: tuple[Measurement, ...] = (*headings, *velocities, *self._heights)
         # Runs start in the frame of the truth, if there is one.
         is_geodetic = truth is None or streams["truth"].msgtype == NAVSATFIX
         return Log(
@@ -315,6 +316,14 @@ class _Assembly:
         keep = self._screened(stream, stamps, yaw, positive=variances)
         columns = stamps[keep].tolist(), yaw[keep].tolist(), variances[keep].tolist()
         return tuple(map(HeadingFix, *columns))
+
+    def _velocities(self, stream: Stream) -> tuple[BodyVelocity, ...]:
+        stamps, rows = self._arrays(stream, message_rows.POSE_WIDTH)
+        is_twist = bool(np.isnan(rows[:, 0]).all())
+        keep = self._screened(
+            stream, stamps, rows[:, message_rows.TWIST if is_twist else [0, 1, 2, 5]]
+        )
+        return tuple(conversions.velocities(stamps[keep], rows[keep], self._spec(stream)))
 
     def _truth(self, stream: Stream, streams: dict[str, Stream]) -> series.Truth | None:
         spec = self._spec(stream)

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from icreckon.estimator.base.frames import compose, relative, wrap_angle
+from icreckon.estimator.base.frames import compose, wrap_angle
 from readme import code_blocks
 
 PAGE = "docs/how-to/embedding.md"
@@ -42,24 +42,6 @@ def test_visual_odometry_helps(guide):
     assert fused.health.sensors["body velocity"].late > 150
     assert fused.pose_covariance[0, 0] < alone.pose_covariance[0, 0]
     assert np.hypot(*(fused.pose - true)[:2]) < np.hypot(*(alone.pose - true)[:2])
-
-
-def test_body_velocity_of_a_motion_on_a_circle(guide):
-    """With a sensor off the centre, in front and to the left."""
-    names, _ = guide
-    v, w, dt, (sx, sy) = 0.8, 0.9, 0.1, (0.4, 0.3)
-    radius = v / w
-
-    def sensor_pose(angle):
-        x, y = radius * np.sin(angle), radius * (1.0 - np.cos(angle))
-        cos, sin = np.cos(angle), np.sin(angle)
-        return np.array([x + cos * sx - sin * sy, y + sin * sx + cos * sy, angle])
-
-    seen = relative(sensor_pose(0.3), sensor_pose(0.3 + w * dt))
-    found = names["body_velocity_of"](0, 100_000_000, seen, 0.01, sensor=(sx, sy))
-    assert found.stamp == 50_000_000
-    assert (found.v_x, found.v_y) == pytest.approx((v, 0.0), abs=1e-3)
-    assert found.variance == pytest.approx(0.01)
 
 
 def test_restored_warm_started_and_docked_are_what_the_guide_says(guide):

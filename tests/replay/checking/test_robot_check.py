@@ -9,7 +9,17 @@ import pytest
 from msgspec.structs import replace as with_values
 
 from conftest import inspected, sample_log
-from icreckon import Log, ReplayError, Scenario, calibrate, check_robot, compare, read_log, simulate
+from icreckon import (
+    Log,
+    ReplayError,
+    Scenario,
+    body_velocities,
+    calibrate,
+    check_robot,
+    compare,
+    read_log,
+    simulate,
+)
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rotate, rpy_to_matrix
 from icreckon.estimator.log.failed_sensors import stuck_sides, turning_at
@@ -19,6 +29,7 @@ from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, changed_robot, load_robot
 from icreckon.replay.checking import robot_check
 from icreckon.replay.checking.check import FORWARD, LATENCY, MOUNTING, SCALE, TRACK, Check
+from icreckon.replay.checking.robot_check import with_corrected
 from icreckon.replay.checking.track_checks import check_scale
 from icreckon.replay.checking.worth import judged, worth_of
 from icreckon.replay.inspection.wheels import heading_offset
@@ -274,6 +285,34 @@ def test_a_heading_off_the_direction_of_driving_is_named(backward: bool) -> None
     # A compass that drifts has no right offset.
     drifting = headed(lambda stamp: 0.5 * (stamp - log.start) / (log.duration * 1e9))
     assert re.search(r"turn by (2[5-9]|3[0-2]) ± ", problems(drifting, robot)[HEADING])
+
+
+@pytest.mark.parametrize(
+    ("keys", "factor", "named", "right"),
+    [
+        ({}, 1.0, "", {}),
+        ({"position": [0.4, -0.3]}, 1.0, "from the place in the file", {"position": [0.0, 0.0]}),
+        ({"yaw_deg": 90.0}, 1.0, "off the direction of driving", {"yaw_deg": 0.0}),
+        ({}, 0.7, "times that of the tracks", {}),
+        ({"sigma": 0.01}, 1.0, "scatters", {"sigma": 0.05}),
+    ],
+)
+def test_the_velocity_of_another_odometry(keys, factor, named, right) -> None:
+    log, rng = simulate(Scenario(duration=60.0, seed=3), ALPHA), np.random.default_rng(3)
+    frames = log.truth.poses.rows(np.arange(0, len(log.truth.poses.stamps), 10))
+    noise = rng.normal(0.0, 0.003, (len(frames.stamps), 2))
+    frames.poses[:, :2] = factor * frames.poses[:, :2] + noise
+    mapped = {"topic": "/vo", "sigma": 0.06} | keys
+    robot = with_values(ALPHA, log={"velocity": mapped, **MAPPED.log})
+    place = mapped.get("position", (0.0, 0.0)), np.radians(mapped.get("yaw_deg", 0.0))
+    seen = replace(log, others=tuple(body_velocities(frames, mapped["sigma"], *place)))
+    (check,) = [one for one in check_robot(seen, robot) if one.name.startswith("velocity")]
+    assert named in check.problem
+    assert check.measured.value == pytest.approx(factor, abs=0.03)
+    assert check.settings.keys() == {f"log.velocity.{key}" for key in right}
+    for key, value in right.items():  # this robot turns some centimetres from its middle
+        assert check.settings[f"log.velocity.{key}"] == pytest.approx(value, abs=0.12)
+    assert not check_robot(*with_corrected(seen, robot, [check]))[-1].problem
 
 
 @pytest.mark.parametrize(("side", "name"), [(0, "left"), (1, "right")])

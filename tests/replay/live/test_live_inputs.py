@@ -61,6 +61,12 @@ def twist_stamped(stamp: int, v: float, w: float):
     return T["geometry_msgs/msg/TwistStamped"](made.header(stamp), made.twist(v, w))
 
 
+def moved(stamp: int, x: float):
+    message = made.odometry(stamp, 9.0, 9.0)  # the twist of an odometry is not used
+    message.pose.pose.position.x = x
+    return message
+
+
 def point(stamp: int, x: float):
     return T["geometry_msgs/msg/PointStamped"](
         made.header(stamp, "map"), T["geometry_msgs/msg/Point"](x, 2.0, 0.3)
@@ -122,6 +128,14 @@ CASES: dict[str, tuple[dict[str, Any], list[tuple[str, Any]]]] = {
         stream("/p", lambda k, at: point(at, 0.1 * k)),
     ),
     "GPS by its fields": ({"fixes": PLACE}, GPS),
+    "another odometry by its poses": (
+        {"velocity": {"topic": "/vo", "sigma": 0.1, "position": [0.3, 0.1], "yaw_deg": 30.0}},
+        stream("/vo", lambda k, at: moved(at, 0.01 * k), 1),
+    ),
+    "another odometry by its twists": (
+        {"velocity": {"topic": "/vo", "sigma": 0.1, "latency": 0.06}},
+        stream("/vo", lambda k, at: twist_stamped(at, 0.5, 0.02 * k)),
+    ),
     "headings": (
         {"heading": {"topic": "/compass", "offset_deg": 90.0}},
         stream("/compass", lambda k, at: made.orientation(at, 0.1 * k)),

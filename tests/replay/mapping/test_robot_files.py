@@ -17,6 +17,7 @@ from icreckon.replay.mapping.topics import (
     TopicMap,
     TrackTopic,
     TruthTopic,
+    VelocityTopic,
     topic_map,
 )
 
@@ -79,9 +80,9 @@ def test_the_docs_show_every_key_of_the_topics_and_columns() -> None:
     page = (REPOSITORY / "docs" / "reference" / "robot-file.md").read_text(encoding="utf-8")
     block = page.split("```toml")[1].split("```")[0]
     shown = block[block.index("[log.tracks]") :]
-    kinds = (TrackTopic, ImuTopic, FixTopic, HeadingTopic, TruthTopic)
+    kinds = (TrackTopic, ImuTopic, FixTopic, HeadingTopic, VelocityTopic, TruthTopic)
     kinds += (ColumnMap, TrackColumns, ImuColumns, PoseColumns)
-    tables = ("tracks", "imu", "fixes", "truth", "heading", "columns")
+    tables = ("tracks", "imu", "fixes", "truth", "heading", "velocity", "columns")
     assert TopicMap.__struct_fields__ == tables
     for table in tables:
         assert f"\n[log.{table}]" in block

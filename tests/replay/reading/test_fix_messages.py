@@ -107,6 +107,21 @@ def test_heading_of_an_orientation(tmp_path: Path) -> None:
     assert log.dropped == {"heading: no orientation": 1}
 
 
+def test_velocity_of_another_odometry(tmp_path: Path) -> None:
+    messages = [("/vo", made.pose_stamped(SECOND + k * SECOND // 10, x=0.1 * k)) for k in range(4)]
+    messages.insert(2, ("/vo", made.pose_stamped(SECOND + SECOND // 8, x=float("nan"))))
+    mapped = {"topic": "/vo", "sigma": 0.05, "yaw_deg": 90.0}
+    log = read(tmp_path / "bag", messages, velocity=mapped)
+    assert [one.stamp for one in log.others] == [SECOND + k * SECOND // 20 for k in (1, 3, 5)]
+    seen = [(one.v_x, one.v_y, one.variance) for one in log.others]
+    np.testing.assert_allclose(seen, [(0.0, 1.0, 0.0025)] * 3, atol=1e-9)
+    assert log.dropped == {"velocity: not finite": 1}
+    twists = [("/vo", made.twist_with_covariance(SECOND, 0.7, 2.0))]
+    (one,) = read(tmp_path / "other", twists, velocity=mapped | {"position": [0.0, 0.1]}).others
+    # To the left by the direction of the sensor, forward by its place.
+    assert (one.v_x, one.v_y) == pytest.approx((0.2, 0.7))
+
+
 def test_heading_without_covariance_needs_a_sigma(tmp_path: Path) -> None:
     headings = [("/h", made.orientation(SECOND, 0.1, covariance=0.0))]
     with pytest.raises(ReplayError, match=r"sigma \[rad\] in \[log.heading\]"):
