@@ -53,10 +53,6 @@ def command(
     engine: Annotated[
         str | None, Option(help="Engine of the runs: auto, or one of docs/reference/study-file.md.")
     ] = None,
-    cluster: Annotated[
-        str | None,
-        Option(help="Address of a dask.distributed scheduler to run on, as tcp://host:8786."),
-    ] = None,
     as_json: Json = False,
     wide: Wide = False,
     overwrite: Annotated[
@@ -90,7 +86,6 @@ def command(
                 folder,
                 engine=engine,
                 workers=workers,
-                cluster=cluster,
                 overwrite=overwrite,
                 report=reporter.show,
                 remark=reporter.remark,

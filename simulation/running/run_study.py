@@ -23,7 +23,6 @@ from icreckon.simulation.running.store import (
     write_files,
 )
 from icreckon.simulation.running.workers import OpenWorkplace, given, here
-from icreckon.simulation.running.workers import cluster as on_cluster
 from icreckon.simulation.study.cells import Plan, expand
 from icreckon.simulation.study.plan import Study
 from icreckon.simulation.study.results import Results, Runs, cell_summaries, study_results
@@ -41,7 +40,6 @@ def run_study(
     engine: str | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
-    cluster: str | None = None,
     overwrite: bool = False,
     report: Report | None = None,
     remark: Callable[[str], None] | None = None,
@@ -50,8 +48,6 @@ def run_study(
 
     Arguments, result and errors are those of `icreckon.run_study`, which writes figures and page, too.
     """
-    if executor is not None and cluster is not None:
-        raise SimulationError("an executor and a cluster to run on; give one of them")
     if OWN_FAULTS:
         names = ", ".join(OWN_FAULTS)
         raise SimulationError(
@@ -76,9 +72,7 @@ def run_study(
     jobs = jobs_of(plan, chosen.block_runs)
     count = workers or os.cpu_count() or 1
     open_workplace: OpenWorkplace = partial(here, count, threads=chosen.threads)
-    if cluster is not None:
-        open_workplace = partial(on_cluster, cluster)
-    elif executor is not None:
+    if executor is not None:
         open_workplace = partial(given, executor, count)
     Runner(plan, chosen, jobs, store, report).run(open_workplace)
     return _write_results(_gathered(plan, jobs, store), identity, store)

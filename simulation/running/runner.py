@@ -21,8 +21,6 @@ from icreckon.simulation.study.failures import RunScores, exclude_failed, unscor
 
 MOST_TRIES = 4  # A block is not tried again after this many workers have died in it
 POLL_SECONDS = 0.5  # longest wait for blocks between checks for signals [s]
-# Errors of `distributed` for a dead worker; by name, as it need not be installed.
-CLUSTER_LOSSES = {"KilledWorker", "FutureCancelledError", "FuturesCancelledError"}
 
 
 @dataclass(frozen=True)
@@ -144,9 +142,6 @@ class Runner:
                 raise
             return
         except Exception as problem:
-            if type(problem).__name__ in CLUSTER_LOSSES:
-                self._lose(job, problem)
-                return
             text = f"{self._named(job)}: {type(problem).__name__}: {problem}"
             raise SimulationError(text) from problem
         if versions != computing_versions():

@@ -16,7 +16,6 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 ELSEWHERE = {"rclpy", "diagnostic_msgs", "geometry_msgs", "nav_msgs", "rcl_interfaces", "std_srvs"}
 ELSEWHERE |= {"visualization_msgs", "sensor_msgs", "tf2_msgs", "builtin_interfaces", "std_msgs"}
 """Packages of ROS 2, which comes with the robot."""
-OPTIONAL = {"distributed"}
 FOLDERS = ("estimator", "simulation", "replay", "icreckon/cli", "icreckon/report", "icreckon/ros2")
 
 
@@ -55,7 +54,7 @@ def test_what_is_imported_is_declared() -> None:
                     continue
                 for module in modules:
                     top, _, rest = module.partition(".")
-                    known = sys.stdlib_module_names | ELSEWHERE | OPTIONAL | {"icreckon"}
+                    known = sys.stdlib_module_names | ELSEWHERE | {"icreckon"}
                     if top in known or top == "compression":
                         continue
                     names = {name_of(one) for one in homes.get(top, [top])}

@@ -24,7 +24,6 @@ def run_study(
     engine: str | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
-    cluster: str | None = None,
     overwrite: bool = False,
     report: Report | None = None,
     remark: Callable[[str], None] | None = None,
@@ -37,7 +36,6 @@ def run_study(
         engine: "auto", "batch" or "streaming"; None for the study's setting.
         workers: number of threads or processes; None for one per core.
         executor: executor to run on instead.
-        cluster: address of a `dask.distributed` scheduler to run on instead (extra `cluster`).
         overwrite: True if another study in the folder may be deleted.
         report: called at the start and after each block.
         remark: called with warnings, as text.
@@ -56,7 +54,6 @@ def run_study(
         engine=engine,
         workers=workers,
         executor=executor,
-        cluster=cluster,
         overwrite=overwrite,
         report=report,
         remark=remark,

@@ -137,14 +137,11 @@ def test_a_signal_waits_for_nothing_and_says_how_to_go_on(here, threads, number,
         ({"study": "nowhere.toml"}, "nowhere.toml: no such file"),
         ({"engine": "bach"}, "no engine 'bach'"),
         ({"out": Path()}, "holds no study of icreckon"),
-        ({"cluster": "nonsense"}, "no cluster at 'nonsense': give host and port"),
-        ({"cluster": "tcp://127.0.0.1:x"}, "give host and port"),
-        ({"cluster": "tcp://127.0.0.1:1"}, "no cluster at 'tcp://127.0.0.1:1': "),
     ],
 )
 def test_what_cannot_be_done_is_said(here, monkeypatch, words, told):
     monkeypatch.chdir(here)
-    asked: dict[str, Any] = dict.fromkeys(("out", "runs", "workers", "engine", "cluster"))
+    asked: dict[str, Any] = dict.fromkeys(("out", "runs", "workers", "engine"))
     asked |= dict.fromkeys(("as_json", "wide", "overwrite", "list_studies"), False)
     with pytest.raises(SimulationError, match=told):
         command(**asked | {"study": "tiny.toml"} | words)

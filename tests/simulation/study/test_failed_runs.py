@@ -177,7 +177,7 @@ def test_the_command_writes_everything_and_exits_with_1_if_a_run_failed(
     if fails:
         spoil(monkeypatch, 0, "constant-online", nis_gyro_mean=-1.0)
     monkeypatch.setattr("icreckon.cli.study.load_study", lambda _: STUDY)
-    words: dict[str, Any] = dict.fromkeys(("runs", "engine", "cluster"))
+    words: dict[str, Any] = dict.fromkeys(("runs", "engine"))
     words |= dict.fromkeys(("list_studies", "wide", "overwrite"), False)
     words |= {"study": "tiny", "out": tmp_path / "a", "workers": 1, "as_json": True}
     with pytest.raises(typer.Exit) if fails else nullcontext() as left:
