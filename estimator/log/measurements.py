@@ -52,8 +52,8 @@ class ImuSample:
     """Gyroscope and accelerometer sample in the IMU's own axes (sensor_msgs/Imu).
 
     Attributes:
-        stamp: end of the interval that the values are means of [ns]; values of one moment are half an
-            interval older than the filter assumes.
+        stamp: end of the interval that the values are means of [ns]; for values of one moment it is half
+            an interval after that.
         angular_velocity: angular velocity [rad/s].
         linear_acceleration: specific force [m/s²] (about +9.8 along "up" at rest), or None.
     """

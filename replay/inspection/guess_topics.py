@@ -26,7 +26,13 @@ DRIVE_WORDS = ("wheel", "track", "sprocket", "drive")
 CAPITAL = re.compile(r"(?<=[a-z])(?=[A-Z])")  # places where a word begins in a name as encL
 LEFT = {"l", "vl", "wl", "lwheel", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
 RIGHT = {"r", "vr", "wr", "rwheel", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
-TRUE = re.compile(r"truth|ground|(?<![a-z])(?:true|gt)(?![a-z])")
+TRUE = re.compile(
+    r"truth|ground_?(?:pose|odom|state)|mo_?cap|vicon|opti_?track|(?<![a-z])(?:true|gt)(?![a-z])"
+)
+# Topics and frames of odometries that are none of the wheels'.
+OF_CAMERA = re.compile(
+    r"camera|visual|zed|realsense|rtabmap|orb_?slam|vins|lidar|laser|icp|(?<![a-z])(?:vi?o|lio)(?![a-z])"
+)
 COMMAND = re.compile(
     r"cmd|command|desired|target|setpoint|demand|request|wanted|initial_?pose"
     r"|reference_?(?:vel|speed|rate)|(?<![a-z])(?:ref|sp|set|tgt|req|goal)(?![a-z])"
@@ -93,12 +99,16 @@ def guess_topics(surveys: Iterable[Survey], fixes: str | None = None) -> TopicMa
     the fastest topic that measures rates; another Imu with an orientation but no rates is a heading.
     Poses are the truth if the topic is named so, otherwise fixes. Streams that were not found are None.
     """
-    recorded = [survey for survey in surveys if survey.recorded]
-    recorded.sort(key=lambda survey: survey.channel.topic)
+    recorded = sorted((one for one in surveys if one.recorded), key=lambda one: one.channel.topic)
+    others = robots(recorded)[1:]
+    recorded = [one for one in recorded if _namespace(one) not in others]
     by_topic = {survey.channel.topic: survey for survey in recorded}
     truths = {topic: survey for topic, survey in by_topic.items() if is_truth(topic)}
     sensors = {topic: survey for topic, survey in by_topic.items() if not is_truth(topic)}
-    tracks, imu, heading = _tracks(sensors), _imu(sensors), _heading(sensors)
+    tracks, heading = _tracks(sensors), _heading(sensors)
+    imu = _imu(
+        sensors, {_first_of(name) for name in (tracks.topic, *tracks.left)} if tracks else ()
+    )
     if tracks:
         del sensors[tracks.topic]  # an odometry that gives track speeds is no fix, too
     if fixes in by_topic:
@@ -106,15 +116,49 @@ def guess_topics(surveys: Iterable[Survey], fixes: str | None = None) -> TopicMa
     return TopicMap(tracks, imu, _fixes(sensors), _truth(truths, tracks), heading)
 
 
+def robots(surveys: Iterable[Survey]) -> list[str]:
+    """Namespaces of several robots of one kind, as "r1"; none for the topics of one robot.
+
+    Each has an IMU and wheels on topics of the same names.
+    """
+    by_namespace: dict[str, dict[str, Survey]] = {}
+    for survey in surveys:
+        by_namespace.setdefault(_namespace(survey), {})[survey.channel.topic] = survey
+    found: dict[tuple[str, str], list[str]] = {}
+    for namespace in sorted(by_namespace.keys() - {""}):
+        tracks, imu = _tracks(by_namespace[namespace]), _imu(by_namespace[namespace])
+        if tracks and imu:
+            names = tracks.topic.replace(namespace, "", 1), imu.topic.replace(namespace, "", 1)
+            found.setdefault(names, []).append(namespace)
+    most = max(found.values(), key=len, default=[])
+    return most if len(most) > 1 else []
+
+
+def _namespace(survey: Survey) -> str:
+    return _first_of(survey.channel.topic)
+
+
+def _first_of(name: str) -> str:
+    """First of several names, as r1 of /r1/odom; "" if there is one name."""
+    first, _, rest = name.lstrip("/").partition("/")
+    return first if rest else ""
+
+
 def sides(names: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Select the joints of the left and the right side, by their names."""
     # Of a side with names of wheels or tracks (`DRIVE_WORDS`), those alone, so not those of an arm.
+    # Abbreviations count where no name has the words, and not in the words that all have, as r1/.
+    is_in_words = any("left" in one.lower() or "right" in one.lower() for one in names)
+    unlike = (k for k, letters in enumerate(zip(*names, strict=False)) if len({*letters}) > 1)
+    common = "".join(names[:1])[: next(unlike, 0)]
+    start = max((k + 1 for k, letter in enumerate(common) if not letter.isalnum()), default=0)
 
     def on_side(side: str, abbreviations: set[str]) -> tuple[str, ...]:
         joints, driving = [], []
         for name in names:
-            lower, words = name.lower(), CAPITAL.sub("_", name).lower()
-            if side in lower or abbreviations & set(re.split(r"[^a-z]+", words)):
+            lower, words = name.lower(), CAPITAL.sub("_", name[start:]).lower()
+            is_short = not is_in_words and abbreviations & set(re.split(r"[^a-z]+", words))
+            if side in lower or is_short:
                 joints.append(name)
                 if any(word in lower for word in DRIVE_WORDS):
                     driving.append(name)
@@ -259,14 +303,18 @@ def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
             all_joints = list(dict.fromkeys(name for names in joints for name in names))
             for names in (*joints, all_joints):
                 left, right = sides(names)
-                if left and right:
+                if left and right and not {*left} & {*right}:
                     return TrackTopic(topic, left=left, right=right, unit=unit)
     if (pair := _topic_pair(surveys)) is not None:
         return pair
     by_fields, sides_of_fields = _wheel_fields(surveys) or (None, None)
     if sides_of_fields is not None and sides_of_fields.are_named:
         return by_fields
-    candidates = [one for one in _of_types(surveys, *ros.OF_A_BODY) if not is_command(one)]
+    candidates = [
+        topic
+        for topic, survey in _of_types(surveys, *ros.OF_A_BODY).items()
+        if not (is_command(topic) or _is_of_camera(survey))
+    ]
 
     def likelihood(topic: str) -> tuple[bool, bool]:
         words = (*DRIVE_WORDS, "controller", "odom")
@@ -276,6 +324,12 @@ def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
     if candidates:
         return TrackTopic(max(candidates, key=likelihood))
     return _driver_pair(surveys) or by_fields or _twist_fields(surveys)
+
+
+def _is_of_camera(survey: Survey) -> bool:
+    """Test for an odometry by camera or lidar, by its topic and frame."""
+    frames = {getattr(one, "child_frame_id", "") for one in survey.messages[:1]}
+    return OF_CAMERA.search(" ".join([survey.channel.topic, *frames]).lower()) is not None
 
 
 def _topic_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
@@ -401,15 +455,17 @@ def _heading(surveys: Mapping[str, Survey]) -> HeadingTopic | None:
     return None
 
 
-def _imu(surveys: Mapping[str, Survey]) -> ImuTopic | None:
+def _imu(surveys: Mapping[str, Survey], namespaces: Collection[str] = ()) -> ImuTopic | None:
     """Guess the Imu topic with most rates, and a topic of accelerations alone.
+
+    Those in the namespaces of the wheels come first.
 
     Without an Imu, fields of another type that are named like three rates, and forces.
     """
     imus = _of_types(surveys, ros.IMU)
     counts = {topic: len(one.recorded) for topic, one in imus.items() if _measures_rates(one)}
     if counts:
-        topic = max(counts, key=lambda topic: counts[topic])
+        topic = max(counts, key=lambda topic: (_first_of(topic) in namespaces, counts[topic]))
         apart = (one for one in imus if one not in counts and _measures_forces(imus[one]))
         return ImuTopic(topic, None if _measures_forces(imus[topic]) else next(apart, None))
     found: list[tuple[int, str, dict[str, Any]]] = []
@@ -442,8 +498,21 @@ def _vectors(
 
 
 def unused_topics(surveys: Collection[Survey], mapping: TopicMap) -> Iterator[str]:
-    """Findings on wheels with a topic each, and positions, that a mapping lacks."""
+    """Findings on robots, wheels, odometries and positions that a mapping lacks."""
     tracks = mapping.tracks
+    if names := robots(surveys):
+        yield (
+            f"topics of {len(names)} robots ({', '.join(names)}): those of {names[0]} are proposed; for "
+            "another, put its topics into the file and inspect again with --overwrite"
+        )
+    odometries = (one for one in surveys if one.channel.msgtype == ros.ODOMETRY and one.recorded)
+    for survey in odometries:
+        topic = survey.channel.topic
+        if _is_of_camera(survey) and mapping.velocity is None:
+            yield (
+                f"{topic}: an odometry by camera or lidar, which is none of the wheels'; as a "
+                f'measurement beside them, topic = "{topic}" in [log.velocity]'
+            )
     if tracks is not None and tracks.right_topic is not None:
         sides_of_log = {survey.channel.topic for survey in surveys if may_be_a_side(survey)}
         others = sides_of_log - {tracks.topic, tracks.right_topic}

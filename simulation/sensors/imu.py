@@ -78,16 +78,17 @@ def perfect_readings(
 ) -> tuple[Floats, Floats]:
     """IMU readings without errors, for its place and mounting in the robot file.
 
-    The accelerometer reads specific force, averaged over one sample interval. The gyro reads
-    `gyro_scale` times the rate. Samples are at `times` (n,) [s], with a `rate` in Hz.
+    Both are means over the interval that ends at each of `times` (n,) [s], with a `rate` in Hz, as the
+    filter takes them. The gyro reads `gyro_scale` times the rate.
 
     Returns:
         Angular velocities (n, 3) times `gyro_scale` [rad/s], and specific forces (n, 3) [m/s²].
     """
     # Rows times a matrix: v^T R is (R^T v)^T, from base_link to the IMU's axes.
-    to_imu = robot.imu_rotation
-    rates = angular_velocities(motion, times, 1.0 / rate) @ to_imu
-    forces = specific_forces(motion, times, 1.0 / rate, robot.imu.position) @ to_imu
+    to_imu, window = robot.imu_rotation, 1.0 / rate
+    middles = np.maximum(times - 0.5 * window, 0.0)
+    rates = angular_velocities(motion, middles, window) @ to_imu
+    forces = specific_forces(motion, middles, window, robot.imu.position) @ to_imu
     return robot.imu.gyro_scale * rates, forces
 
 
@@ -119,15 +120,15 @@ def with_inertial_errors(
 def angular_velocities(motion: TrueMotion, times: Floats, window: float) -> Floats:
     """Angular velocity (n, 3) of base_link in its own axes [rad/s], at times (n,) [s].
 
-    About z it is that of the true motion. About x and y it is the rotation of the ground under the
-    robot, which turns gravity G in axes that follow the body but not its turns about z:
-    dG_x/dt = -G_z omega_y and dG_y/dt = G_z omega_x, averaged over the interval `window` [s]. On a plane
-    G is constant, however the robot turns on it.
+    It is averaged over an interval, the `window` [s] about each time. About z it is that of the true
+    motion. About x and y it is the rotation of the ground under the robot, which turns gravity G in axes
+    that follow the body but not its turns about z: dG_x/dt = -G_z omega_y and dG_y/dt = G_z omega_x. On
+    a plane G is constant, however the robot turns on it.
     """
-    w = motion.twists_at(times)[:, 2]
+    start, end = motion.window(times, window)
+    w = (motion.turns_at(end) - motion.turns_at(start)) / (end - start)
     rates = np.stack([np.zeros_like(w), np.zeros_like(w), w], axis=-1)
     if motion.gravity is not None:
-        start, end = motion.window(times, window)
         before, now, after = (
             _unturned_gravity(motion, motion.gravity, instants) for instants in (start, times, end)
         )

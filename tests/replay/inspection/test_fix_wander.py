@@ -70,9 +70,9 @@ def test_what_fixes_do_not_state_is_neither_evidence_nor_kept(tmp_path: Path) ->
     assert estimate_wander(stating, vertical, states_sigma=False).reason
     # Poses without covariances, of which all noise is white.
     log = driven(FixSpec(sigma=0.2))
-    mocap = PoseSeries(log.fixes.stamps, np.nan_to_num(log.fixes.poses))
-    robot = msgspec.structs.replace(ALPHA, log=ALPHA.log | {"truth": {"topic": "/mocap/pose"}})
-    bag = write_log(replace(log, truth=Truth(mocap), fixes=None), tmp_path / "bag", "mcap", robot)
+    slam = PoseSeries(log.fixes.stamps, np.nan_to_num(log.fixes.poses))
+    robot = msgspec.structs.replace(ALPHA, log=ALPHA.log | {"truth": {"topic": "/slam/pose"}})
+    bag = write_log(replace(log, truth=Truth(slam), fixes=None), tmp_path / "bag", "mcap", robot)
     (line,) = re.findall("^position_sigma = .*", inspect(bag).proposed_robot_file, re.MULTILINE)
     assert float(line.split()[2]) == pytest.approx(0.2, rel=0.15)
 

@@ -225,9 +225,9 @@ def test_positions_that_are_not_used_are_named(tmp_path: Path) -> None:
     messages = [*made.SPEEDS]
     messages += [("/initialpose", made.pose_with_covariance(stamps[0], (0.2, 0.2, 0.1)))]
     messages += [("/gps/fix", made.navsatfix(stamp, 48.0, 11.0)) for stamp in stamps]
-    messages += [("/mocap", made.pose_stamped(stamp)) for stamp in stamps]
+    messages += [("/slam", made.pose_stamped(stamp)) for stamp in stamps]
     found = inspect(made.write_bag(tmp_path / "bag", messages))
-    assert found.mapping.fixes.topic == "/mocap"
+    assert found.mapping.fixes.topic == "/slam"
     (said,) = [finding for finding in found.findings if "not used" in finding]
     assert "not used: /gps/fix;" in said
 
