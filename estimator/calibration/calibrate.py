@@ -33,6 +33,9 @@ SHORTEST, LONGEST = 1.0, 20.0  # limits of that length [s]
 LEAST_MOVED_SHARE = 0.02  # distance of a truth over that of the tracks, below which it stands [-]
 ALIKE, OTHER_UNIT = 0.8, 2.0
 """Correlation of turning by gyro and truth that shows their ratio, and a ratio that no scale explains."""
+STEEP = (
+    0.05  # slope from which headings by a path lean downhill, and show no scale of the gyro [rad]
+)
 AGAINST = -0.3  # correlation of turning by gyro and truth, or tracks, that indicates a wrong sign
 
 
@@ -90,6 +93,11 @@ def calibrate(
     _check_logs(logs, robot)
     headed = [_with_headings(log, robot) for log in logs]
     motions = [replace(motion_of(log, robot), own_headings=not remarks) for log, remarks in headed]
+    slopes = [
+        0.0 if m.own_headings else ground_forces(m.log, robot, 1.0, 0.0).slope for m in motions
+    ]
+    is_steep = max(slopes) > STEEP
+    held_always = frozenset({"gyro_scale"} if is_steep else ())
 
     def problem(name: str, recording: Recording) -> Problem:
         place_known = any(robot.imu.position)
@@ -98,12 +106,12 @@ def calibrate(
 
     # First with the initial lags; then the truth is carried over to knots with the estimated ones.
     first_recording = record(motions, robot, segment, difference=robot.tracks.difference)
-    first = _first_fit(problem("constant", first_recording))
+    first = _first_fit(problem("constant", first_recording), held_always)
     report_share(0.1)
     recording = _recorded_again(first_recording, robot, first)
 
     def fit_again(name: str, start: dict[str, float], held: frozenset[str]) -> Fit:
-        return fit(problem(name, recording), initial=start, held=held)
+        return fit(problem(name, recording), initial=start, held=held | held_always)
 
     fits: dict[str, Fit] = {}
     for number, name in enumerate(chosen):
@@ -119,11 +127,16 @@ def calibrate(
         robot, fits, shared, radii, comparison, fit_again, speeds_by_radius=speeds_by_radius
     )
     report_share(1.0)
-    remarks = chain.from_iterable(log_remarks for _, log_remarks in headed)
+    remarks = [*chain.from_iterable(log_remarks for _, log_remarks in headed)]
+    if is_steep:
+        remarks.append(
+            f"the ground slopes by {math.degrees(max(slopes)):.0f}°: headings from a path lean downhill "
+            "there, so the gyro's scale is held"
+        )
     return replace(calibration, notes=(*calibration.notes, *remarks))
 
 
-def _first_fit(problem: Problem) -> Fit:
+def _first_fit(problem: Problem, held: frozenset[str]) -> Fit:
     """Fit with the initial lags; reject signs, units and clocks that are wrong."""
     _check_signs(problem)
     for motion in problem.recording.motions:
@@ -132,7 +145,7 @@ def _first_fit(problem: Problem) -> Fit:
                 f"log {motion.log.name!r}: truth and gyro turn otherwise, at whatever lag: "
                 f"{motion.no_lag.reason}; check topic, yaw and clock of [log.truth]"
             )
-    return fit(problem)
+    return fit(problem, held=held)
 
 
 def _recorded_again(recording: Recording, robot: Robot, first: Fit) -> Recording:

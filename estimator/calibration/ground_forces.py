@@ -29,6 +29,7 @@ class GroundForces(NamedTuple):
     times: Floats  # (k,) seconds since the log's start
     lateral: Floats  # (k,) S over the mass, the signed specific force [m/s²]
     along: Floats  # (k,) A, the force along the tracks as a share of the weight [-]
+    slope: float  # slope of the ground, root mean square [rad]
 
 
 def ground_forces(log: Log, robot: Robot, scale: float, latency: float) -> GroundForces:
@@ -52,7 +53,10 @@ def ground_forces(log: Log, robot: Robot, scale: float, latency: float) -> Groun
     gravity = gravity - weights @ gravity / max(float(weights.sum()), LEAST_TURNING)
     along = (acceleration - gravity[:, 0]) / GRAVITY
     lateral = _lagged(times, -w * (forward + x_CM * w), lag) + gravity[:, 1]
-    return GroundForces(times, np.clip(lateral, -GRAVITY, GRAVITY), np.clip(along, -1.0, 1.0))
+    slope = float(np.sqrt((gravity**2).sum(axis=1).mean())) / GRAVITY
+    return GroundForces(
+        times, np.clip(lateral, -GRAVITY, GRAVITY), np.clip(along, -1.0, 1.0), slope
+    )
 
 
 def _lagged(times: Floats, values: Floats, time_constant: float) -> Floats:
