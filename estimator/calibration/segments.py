@@ -199,10 +199,8 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     """Make the continuous series of a log; `EstimatorError` if it has too little."""
     poses, imu = _truth_and_imu(log)
     imu_times = _seconds(imu.stamps, log.start)
-    # A gyro reading is a mean since the one before, but is integrated as the rate at its stamp: half an
-    # interval late. Track times are made as late. A track speed is a mean since the one before, too.
-    half_interval = 0.5 * float(np.median(np.diff(imu_times)))
-    track_times = _seconds(log.tracks.stamps, log.start) + half_interval
+    # Readings and track speeds are means since the one before.
+    track_times = _seconds(log.tracks.stamps, log.start)
     track_steps = np.diff(track_times)[:, None] * log.tracks.speeds[1:]
     # The scale of the gyro is estimated: that of the file, which is in the mounting, is removed.
     by_gyros = robot.imu.gyro_scale * SensorModels(robot).mounting[0]
@@ -434,8 +432,6 @@ def _path(motion: Motion, robot: Robot, scale: float, difference: float) -> Seri
 
 def _integrated_force(imu: ImuSeries, times: Floats, robot: Robot) -> Floats | None:
     """Integral (i, 2) of the levelled specific force [m/s]; None for too few readings."""
-    from scipy.integrate import cumulative_trapezoid
-
     readings = imu.linear_acceleration
     if readings is None:
         return None
@@ -444,7 +440,8 @@ def _integrated_force(imu: ImuSeries, times: Floats, robot: Robot) -> Floats | N
         return None
     levelled = readings[finite] @ robot.imu_rotation[:2].T
     filled = _interpolated(times, times[finite], levelled)
-    return np.asarray(cumulative_trapezoid(filled, times, axis=0, initial=0.0))
+    changes = np.diff(times)[:, None] * filled[1:]
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(changes, axis=0)])
 
 
 def _initial_bias(truth: Curve, gyro: Curve, lag: float) -> float:

@@ -69,11 +69,6 @@ class Curve:
 
 
 def turned(stamps: Stamps, rates: Floats) -> Curve:
-    """Angle by rates (n,) that change steadily between samples, as a gyro's [rad/s]."""
-    return Curve(stamps, running_integral(stamps, rates))
-
-
-def turned_in_steps(stamps: Stamps, rates: Floats) -> Curve:
     """Angle by rates (n,) as filters take them: each is the mean since the one before."""
     steps = np.diff(stamps) * NANOSECOND * rates[1:]
     return Curve(stamps, np.concatenate([[0.0], np.cumsum(steps)])[: len(rates)])

@@ -24,7 +24,6 @@ from icreckon.estimator.log.lag import (
     places_of,
     plain_path,
     turned,
-    turned_in_steps,
 )
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
@@ -68,8 +67,8 @@ def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) ->
     """Estimate the latency of track speeds against the gyro."""
     # Each track speed, in any unit, is the mean since the one before. `vertical` (n,) is the rate of the
     # IMU about the vertical [rad/s].
-    by_tracks = turned_in_steps(tracks.stamps, tracks.difference)
-    return find_lag(by_tracks, turned_in_steps(imu.stamps, vertical), least=LEAST_TURN)
+    by_tracks = turned(tracks.stamps, tracks.difference)
+    return find_lag(by_tracks, turned(imu.stamps, vertical), least=LEAST_TURN)
 
 
 def heading_lag(headings: Sequence[HeadingFix], imu: ImuSeries, rate: Floats) -> Lag | NoLag:
