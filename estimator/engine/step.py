@@ -232,7 +232,8 @@ class Step:
         lane = self.lane
         inputs = StepInputs._make(map(lane.input, StepInputs._fields))
         of_w, dt = inputs.speed_decay * self._sigma()[2], lane.constant("dt")
-        return model.fast_slip_density(inputs, now.by_speeds, self.slip.white_time, of_w, dt)
+        within, white = self._fades()[2].integral / dt, self.slip.white_time
+        return model.fast_slip_density(inputs, now.by_speeds, white, within, of_w, dt)
 
     def update_standstill(self) -> None:
         """Update standing lanes with a twist of zero.
@@ -532,7 +533,10 @@ def _noise_of_pose(
     fades: Sequence[GaussMarkov],
     dt: Any,
 ) -> dict[tuple[int, int], Any]:
-    """Covariances of pose and height that random walks and slip add over a step."""
+    """Covariances of pose and height that random walks and slip add over a step.
+
+    The slip of w within the step is part of the fast slip.
+    """
     half, third = 0.5 * dt * dt, dt * dt * dt * (1.0 / 3.0)
     noise: dict[tuple[int, int], Any] = {}
     count = len(rows)
@@ -545,12 +549,12 @@ def _noise_of_pose(
     for i in range(count):
         for j in walk:
             noise[i, j] = by_state[i][j] * walk[j] * half
-        for axis in range(3):
+        for axis in range(2):
             slipped = by_slip[i][axis] * squares[axis] * fades[axis].cross
             noise[i, s.SLIP.start + axis] = slipped
         for k in range(i, count):
             walked = sum((by_state[i][j] * by_state[k][j] * walk[j] for j in walk), start=0.0)
-            slips = [by_slip[i][a] * by_slip[k][a] * integrals[a] for a in range(3)]
+            slips = [by_slip[i][a] * by_slip[k][a] * integrals[a] for a in range(2)]
             noise[i, k] = walked * third + sum(slips, start=0.0)
     return noise
 

@@ -212,8 +212,10 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         F[s.GRAVITY, s.GRAVITY] = back
         F[s.GRAVITY_X, s.GYRO_BIAS_Y], F[s.GRAVITY_Y, s.GYRO_BIAS_X] = -down * dt, down * dt
 
-        # Random walks and slip, and their effect on the pose within the step.
+        # Random walks and slip, and their effect on the pose within the step. The slip of w within it is
+        # part of the fast slip.
         walk, slip = noise.walk**2, noise.slip_sigma**2
+        integral, cross = (*integral[:2], 0.0), (*cross[:2], 0.0)
         walked, slipped = by_state * walk, by_motion * slip
         with_pose = walked * (dt**2 / 2.0)
         with_pose[:, s.SLIP] += slipped * cross

@@ -156,12 +156,13 @@ def test_dividing_a_step_changes_the_noise_to_second_order_only(variant):
     if variant is INERTIA:
         start.x[s.GRAVITY] = 0.0
         start.P[s.GRAVITY, :] = start.P[:, s.GRAVITY] = 0.0
-    differences = []
+    # The slip of w within a step is part of the fast slip, which the gyro shows.
+    differences, without_w = [], noise(sigma=(0.03, 0.01, 0.0))
     for dt in (0.1, 0.05, 0.025):
         whole, parts = copy.deepcopy(start), copy.deepcopy(start)
-        whole.predict_motion(dt, 0.2, 0.8, noise())
+        whole.predict_motion(dt, 0.2, 0.8, without_w)
         for _ in range(10):
-            parts.predict_motion(dt / 10, 0.2, 0.8, noise())
+            parts.predict_motion(dt / 10, 0.2, 0.8, without_w)
         unit = np.sqrt(np.diagonal(parts.P).clip(1e-30))
         differences.append(np.abs((whole.P - parts.P) / np.outer(unit, unit)).max())
         assert whole.x == pytest.approx(parts.x, abs=0.1 * dt**2)
