@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from icreckon import Scenario, Settings, load_robot, pose_nees, run, simulate
+from icreckon import PoseEstimator, Scenario, Settings, load_robot, pose_nees, run, simulate
+from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.reference.filter import ReferenceFilter
 from icreckon.estimator.reference.imu import accelerometer
 from icreckon.estimator.sensors import sensor_models
@@ -105,3 +106,30 @@ def test_innovations_of_accelerometers_are_as_large_as_expected_without_that_dou
             textbook.take(m)
     for of_axis in squares:
         assert np.mean(of_axis) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("variant", ["gyro", "inertia-online"])
+@pytest.mark.parametrize("imu_rate", [100.0, 25.0])
+def test_a_turn_over_a_second_is_as_uncertain_as_the_gyro_whatever_its_rate(variant, imu_rate):
+    scaled, second = [], 10**9
+    for index in range(3):
+        scenario = msgspec.structs.replace(SCENARIO, imu_rate=imu_rate, fix_rate=0.0)
+        log = simulate(scenario, ALPHA, run_index=index)
+        poses = log.truth.poses
+        true = dict(zip(poses.stamps.tolist(), poses.poses[:, 2].tolist(), strict=True))
+        estimator, scans = PoseEstimator(ALPHA, variant), iter(range(5, 59))
+        scan = log.start + next(scans) * second
+        for measurement in log.measurements():
+            estimator.feed(measurement)
+            if measurement.stamp < scan + second // 10:
+                continue
+            estimator.mark(scan)
+            if scan - second in estimator.marks:
+                motion = estimator.relative_motion(scan - second, scan)
+                error = wrap_angle(true[scan] - true[scan - second] - motion.pose[2])
+                scaled.append(error / np.sqrt(motion.covariance[2, 2]))
+                estimator.forget(scan - second)
+            scan = log.start + next(scans, 10**6) * second
+    # 156 turns; their errors share a bias and a scale.
+    assert len(scaled) > 150
+    assert 0.8 < np.sqrt(np.mean(np.square(scaled))) < 1.25
