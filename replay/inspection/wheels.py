@@ -13,6 +13,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.frames import rotate
 from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
 from icreckon.estimator.log.failed_sensors import stuck_sides
+from icreckon.estimator.log.lag import turned
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid, interpolate_poses
@@ -35,7 +36,8 @@ STRAIGHT = 1.0  # largest turning within a window at which its path is assumed a
 WINDOWS = {"truth": 2.0, "fixes": 10.0}  # time over which distances are compared [s], by source
 FEWEST_WINDOWS = 5
 MEDIAN_ERROR = 1.25  # standard error of a median of normal errors over that of their mean [-]
-FEWEST_SAMPLES = 100  # samples from which on a standard error of the effective track is estimated
+TURN_WINDOW = 2.0  # time over which turning by tracks and gyro is compared [s]
+FEWEST_TURNS = 20  # such windows from which on the effective track has a standard error
 WHEEL_RADII = (0.01, 0.5)  # plausible ones [m]
 WIDEST, WIDEST_IN_RADII = 3.0, 12.0  # effective tracks [m], over the wheel radius [-]
 METRES = re.compile(r"(?i)m_?p_?s|m_s|m/s|[ck]?m\b|kmh")  # words of speeds over ground
@@ -75,8 +77,7 @@ def wheel_estimates(
         return NO_WHEELS
     track_ratio = track_sigma = None
     if (correlation or 0.0) > imu_mounting.CLEAR_TURNING:
-        difference = np.interp(log.imu.stamps, log.tracks.stamps, log.tracks.difference)
-        track_ratio, track_sigma = _turning_ratio(vertical, difference)
+        track_ratio, track_sigma = _turning_ratio(log, vertical)
     noise = 0.0
     if log.truth is not None:
         source, places = "truth", log.truth.poses
@@ -93,18 +94,26 @@ def wheel_estimates(
     return WheelEstimates(ratio, source, track_ratio, sigma, track_sigma)
 
 
-def _turning_ratio(vertical: Floats, difference: Floats) -> tuple[float, float | None]:
+def _turning_ratio(log: Log, vertical: Floats) -> tuple[float | None, float | None]:
     """Ratio of V_r - V_l to the yaw rate by linear regression, and its standard error."""
-    # The regression is of the yaw rate on V_r - V_l, whose noise is less. The error is None if unknown.
+    # The regression is of the tracks on the gyro, whose noise hardly counts over a window.
+    assert log.imu is not None  # noqa: S101 - checked by the caller
+    curves = turned(log.imu.stamps, vertical), turned(log.tracks.stamps, log.tracks.difference)
+    imu, tracks = log.imu.stamps, log.tracks.stamps
+    first, last = max(imu[0], tracks[0]), min(imu[-1], tracks[-1])
+    edges = even_grid(first, last, round(TURN_WINDOW / NANOSECOND), tracks)
+    if len(edges) < FEWEST_WINDOWS + 1:
+        return None, None
+    turns, differences = (np.diff(np.interp(edges, one.stamps, one.values)) for one in curves)
 
     def ratio(rows: NDArray[np.int_]) -> float:
-        covariance = np.cov(vertical[rows], difference[rows])
-        return float(np.var(difference[rows], ddof=1) / covariance[0, 1])
+        covariance = np.cov(turns[rows], differences[rows])
+        return float(covariance[0, 1] / covariance[0, 0])
 
-    if len(vertical) < FEWEST_SAMPLES:
-        return ratio(np.arange(len(vertical))), None
+    if len(turns) < FEWEST_TURNS:
+        return ratio(np.arange(len(turns))), None
     with np.errstate(divide="ignore", invalid="ignore"):
-        value, sigma = jackknifed(ratio, len(vertical))
+        value, sigma = jackknifed(ratio, len(turns))
     return value, sigma if np.isfinite(sigma) else None
 
 
