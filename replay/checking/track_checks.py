@@ -240,13 +240,15 @@ def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate:
         suspicion = turning_suspicion(log, rate, tracks.gauge or robot.vehicle.track_gauge)
         remedy = f"gauge in [{table}], which is that of its controller, or its yaw rate"
         return check.contradicted(suspicion[0], remedy) if suspicion else check
-    # V_r - V_l of the mirrored speeds is -(V_r + V_l): the turning if one side counts backward.
-    signs = np.array([1.0, -1.0])
-    mirrored = TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds * signs)
-    correlation = imu_mounting.turning_correlation(mirrored, imu, rate)
-    if correlation is None or abs(correlation) < imu_mounting.CLEAR_TURNING:
-        return check
-    side, signs = ("right", signs) if correlation > 0.0 else ("left", -signs)
+    side = imu_mounting.backward_side(log.tracks, imu, rate)
+    if side is None:
+        if not imu_mounting.turn_apart(log.tracks, imu, rate):
+            return check
+        remedy = (
+            f"look at the topics of {table} and of the IMU: another robot's, or another time's?"
+        )
+        return check.contradicted("the gyro and the tracks turn, but not together", remedy)
+    signs = np.array([1.0, -1.0] if side == "right" else [-1.0, 1.0])
     return check.contradicted(
         f"the {side} side counts backward: the robot turns as the sum of both sides",
         f'a minus before the names of {side} in [{table}], as "-motor"',

@@ -117,7 +117,7 @@ def guess_topics(surveys: Iterable[Survey], fixes: str | None = None) -> TopicMa
 
 
 def robots(surveys: Iterable[Survey]) -> list[str]:
-    """Namespaces of several robots of one kind, as "r1"; none for the topics of one robot.
+    """Namespaces of several robots in one bag; none for the topics of one robot.
 
     Each has an IMU and wheels on topics of the same names.
     """
@@ -511,7 +511,7 @@ def unused_topics(surveys: Collection[Survey], mapping: TopicMap) -> Iterator[st
         if _is_of_camera(survey) and mapping.velocity is None:
             yield (
                 f"{topic}: an odometry by camera or lidar, which is none of the wheels'; as a "
-                f'measurement beside them, topic = "{topic}" in [log.velocity]'
+                f'measurement in addition, topic = "{topic}" in [log.velocity]'
             )
     if tracks is not None and tracks.right_topic is not None:
         sides_of_log = {survey.channel.topic for survey in surveys if may_be_a_side(survey)}

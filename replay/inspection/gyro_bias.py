@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Stamps
 from icreckon.estimator.base.lag_search import BLOCKS
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
@@ -13,11 +13,14 @@ from icreckon.estimator.log.scores import are_within, even_grid, pieces
 from icreckon.estimator.log.series import running_integral
 from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.wheels import jackknifed
+from icreckon.replay.reading.stamps import true_runs
 
 WINDOW = 5.0  # time over which the turning by gyro and by truth or tracks is compared [s]
 LARGEST_HOLE = 1.0  # windows with a longer gap between samples are left out [s]
 SURE = 3.0  # standard errors beyond which a bias while driving is significant
 UNSEEN_BIAS_SIGMA = 0.1  # standard error of a bias that a log does not show [rad/s]
+FEWEST_STOPS, LEAST_CHANGE = 4, 0.001
+"""Fewest standstills that show a change of the bias, and least change [rad/s]."""
 LEAST_BY_TRACKS = 0.005  # least bias that tracks show [rad/s]: 0.001 for healthy gyros
 
 
@@ -27,6 +30,9 @@ class GyroBias(NamedTuple):
     value: float  # the bias [rad/s]
     sigma: float  # its standard error [rad/s]
     source: str  # "standstill", "truth" or "tracks"
+    walk: float = (
+        0.0  # its random walk, by a change over the standstills; 0 if none is clear [rad/s/√s]
+    )
 
     def differs(self, expected: float, sigma: float = 0.0) -> bool:
         """Return True if the bias is significantly not the expected one ± sigma [rad/s]."""
@@ -47,8 +53,27 @@ def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBia
     seconds = float(is_still.sum()) * float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
     if seconds >= imu_mounting.ENOUGH_STILL:
         sigma = noise_density / float(np.sqrt(seconds))
-        return GyroBias(float(vertical[is_still].mean()), sigma, "standstill")
+        mean, walk = float(vertical[is_still].mean()), _walk(log.imu.stamps, vertical, is_still)
+        return GyroBias(mean, sigma, "standstill", walk)
     return bias_while_driving(log, vertical)
+
+
+def _walk(stamps: Stamps, vertical: Floats, is_still: Flags) -> float:
+    """Random walk of the bias that changes as much as the means of the standstills do.
+
+    A line is fitted to them: a warm-up changes the bias steadily. 0 if its change is not clear.
+    """
+    stops = [slice(first, last + 1) for first, last in true_runs(is_still)]
+    if len(stops) < FEWEST_STOPS:
+        return 0.0
+    times = np.array([float(stamps[one].mean() - stamps[0]) for one in stops]) * NANOSECOND
+    means = np.array([vertical[one].mean() for one in stops])
+    weights = np.sqrt([one.stop - one.start for one in stops])
+    (slope, _), covariance = np.polyfit(times, means, 1, w=weights, cov=True)
+    duration = float(np.ptp(times))
+    change = abs(float(slope)) * duration
+    is_clear = change > max(LEAST_CHANGE, SURE * float(np.sqrt(covariance[0, 0])) * duration)
+    return change / float(np.sqrt(duration)) if is_clear else 0.0
 
 
 def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:

@@ -23,6 +23,9 @@ ABSURD = 1e6  # implausible reading of an IMU, in rad/s or m/s², or of track sp
 SMOOTHING = 0.5  # time over which accelerations are averaged before they are compared [s]
 NO_GRAVITY = 0.5  # mean specific force up to which gravity has been removed, in m/s² and in g
 CLEAR_TURNING = 0.7  # smallest correlation of turning with V_r - V_l that is clear [-]
+# Largest correlation of turning that is none [-]; least turning of tracks, over their speed [-], and of a
+# gyro [rad/s], that is clear.
+UNLIKE, TURNING_SHARE, TURNING_RATE = 0.3, 0.2, 0.1
 CLEAR_SCORE = 0.4  # smallest sum of two correlations at which a yaw of the mount is accepted [-]
 
 
@@ -179,6 +182,24 @@ def turning_correlation(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floa
     if difference is None or np.ptp(difference) == 0.0 or np.ptp(vertical) == 0.0:
         return None
     return float(np.corrcoef(difference, vertical)[0, 1])
+
+
+def backward_side(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> str | None:
+    """Side that counts backward: then V_r + V_l turns as the gyro; None for neither."""
+    mirrored = TrackSpeedSeries(tracks.stamps, tracks.speeds * (1.0, -1.0))
+    correlation = turning_correlation(mirrored, imu, vertical)
+    if correlation is None or abs(correlation) < CLEAR_TURNING:
+        return None
+    return "right" if correlation > 0.0 else "left"
+
+
+def turn_apart(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> bool:
+    """Return True if tracks and gyro both turn clearly, but not together."""
+    correlation = turning_correlation(tracks, imu, vertical)
+    if correlation is None or abs(correlation) > UNLIKE:
+        return False
+    do_tracks = tracks.difference.std() > TURNING_SHARE * np.abs(tracks.speeds).mean()
+    return bool(do_tracks and vertical.std() > TURNING_RATE)
 
 
 def _turning(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:

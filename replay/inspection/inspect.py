@@ -37,6 +37,7 @@ from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wa
 from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of
 from icreckon.replay.inspection.guess_topics import guess_topics, may_be_a_side, unused_topics
 from icreckon.replay.inspection.gyro_bias import LEAST_BY_TRACKS, SURE, gyro_bias
+from icreckon.replay.inspection.imu_mounting import turn_apart
 from icreckon.replay.inspection.latency import (
     heading_lag,
     objection,
@@ -233,10 +234,11 @@ def _estimates(
     if aligned is not log:
         mounting, vertical = _mounting_and_vertical(aligned, imu_mount)
     # Counts have no scale yet, by which wheels could be estimated.
-    wheel_rate = None if mapping.lacks_counts_per_turn else vertical
+    is_apart = log.imu and vertical is not None and turn_apart(log.tracks, log.imu, vertical)
+    wheel_rate = None if mapping.lacks_counts_per_turn or is_apart else vertical
     correlation = mounting.turning_correlation if mounting else None
     wander = fit = None
-    if log.fixes is not None:
+    if log.fixes is not None and not is_apart:
         fit = fit_fixes(aligned, vertical)
         in_time = log.fixes
         if fit is not None and fit.is_late:
@@ -249,7 +251,7 @@ def _estimates(
         vertical=vertical,
         wheels=wheels.wheel_estimates(aligned, wheel_rate, correlation),
         latencies=latencies,
-        bias=None if vertical is None else gyro_bias(aligned, vertical),
+        bias=None if vertical is None or is_apart else gyro_bias(aligned, vertical),
         wander=wander,
         fix_fit=fit,
     )
@@ -452,6 +454,14 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
             f"{mounting.turning_correlation:.2f}): left and right may be swapped, the gyro's signs "
             "wrong, or the IMU upside down"
         )
+    rate = estimates.vertical
+    if log.imu is not None and rate is not None and turn_apart(log.tracks, log.imu, rate):
+        side = imu_mounting.backward_side(log.tracks, log.imu, rate)
+        known = "another robot's topic, or another time's?"
+        known = (
+            known if side is None else f"the {side} side counts backward, a minus before its names?"
+        )
+        yield f"tracks: they turn, and the gyro turns, but not together: {known}"
     if mounting is not None and (mount := estimates.imu_mount) is not None:
         contradiction = static_frames.contradiction(mounting, mount)
         yield from [contradiction] if contradiction else []
@@ -465,7 +475,9 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
         yield f"standstills: {found if stops else 'none of a second or more'}"
     if mounting is not None and mounting.gyro_bias is not None:
         bias = ", ".join(f"{value:.5f}" for value in mounting.gyro_bias)
-        yield f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes"
+        moves = "; it changes over the log, as with the temperature: gyro_bias_walk is proposed"
+        moves = moves if estimates.bias is not None and estimates.bias.walk else ""
+        yield f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes{moves}"
     yield from (f"suspicious: {text}" for text in unit_suspicions(estimates, log))
 
 

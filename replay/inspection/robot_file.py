@@ -220,10 +220,14 @@ def _bias_lines(bias: GyroBias | None, *, has_tracks: bool) -> list[str]:
         return ["# Gyro bias: no standstill of three seconds, and driving cannot show it."]
     error = "" if bias.source == "standstill" else f" ± {bias.sigma:.2g}, by the {bias.source}"
     sigma = float(np.hypot(STANDING_BIAS_SIGMA, bias.sigma))
-    return [
+    lines = [
         f"gyro_bias = {bias.value:.5f}    # rad/s{error} about the vertical, of this log",
         f"gyro_bias_sigma = {sigma:.2g}    # rad/s; a later log's may differ",
     ]
+    if bias.walk:
+        remark = "rad/s/√s; the bias changes from standstill to standstill, as with the temperature"
+        lines.append(f"gyro_bias_walk = {bias.walk:.2g}    # {remark}")
+    return lines
 
 
 def _mounting_comments(mounting: Mounting) -> list[str]:
