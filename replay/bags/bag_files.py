@@ -116,7 +116,8 @@ def _run_over(path: Path, sets: list[list[Path]], notes: list[str], work: Callab
         try:
             with _indexed_bag(files) as bag:
                 bag.notes[:0] = notes
-                if reason:
+                # A folder of bag files needs no metadata.
+                if reason and (path.is_file() or (path / "metadata.yaml").exists()):
                     bag.notes.append(f"{path.name}: {reason}; its files were read one by one")
                 return work(bag)
         except _UnreadableError as problem:

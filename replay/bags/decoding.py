@@ -112,7 +112,9 @@ def _typestore(msgtype: str, known: MessageDefinition, definitions: Definitions 
         store = get_typestore(Stores.ROS2_HUMBLE)
         types: dict[str, Any] = {}
         for name, text in definitions:
-            types.update(get_types_from_msg(text, name))
+            # A file outside of its package's folder has the right name, and another package.
+            is_wanted = name.rpartition("/")[2] == msgtype.rpartition("/")[2]
+            types.update(get_types_from_msg(text, msgtype if is_wanted else name))
         store.register({name: kind for name, kind in types.items() if name not in store.fielddefs})
         return store
     store = get_typestore(Stores.EMPTY)

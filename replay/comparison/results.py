@@ -20,7 +20,8 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.plain_data import json_types, package_versions
 from icreckon.estimator.filter.fault_table import CORRELATED
 from icreckon.estimator.filter.health import Health
-from icreckon.estimator.log.scores import Interval, path_length
+from icreckon.estimator.log.scores import Interval, interpolate_poses, path_length
+from icreckon.estimator.log.series import Truth
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.smoother import SMOOTHED
@@ -129,10 +130,20 @@ def _log_summary(comparison: Comparison, holes: Sequence[Interval]) -> Results:
         "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
         "dropped": log.dropped,
         "holes_s": _in_seconds(holes, log.start),
+        "moved_in_holes_m": _moved_in(holes, log.truth),
         "notes": [*log.notes, *_findings(comparison)],
         "start_ns": log.start,
         "origin": log.origin,
     }
+
+
+def _moved_in(holes: Sequence[Interval], truth: Truth | None) -> float | None:
+    """Distance between the true places at the ends of all holes [m], None without a truth."""
+    if truth is None:
+        return None
+    known, ends = truth.poses.stamps, np.array(holes, dtype=np.int64).reshape(-1, 2)
+    places = interpolate_poses(truth.poses, ends.clip(known[0], known[-1]).ravel())[:, :2]
+    return float(np.hypot(*(places[1::2] - places[::2]).T).sum())
 
 
 def _in_seconds(spans: Sequence[Interval], start: int) -> list[list[float]]:

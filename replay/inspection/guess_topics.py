@@ -368,7 +368,7 @@ def _wheel_fields(surveys: Mapping[str, Survey]) -> tuple[TrackTopic, Sides] | N
     candidates = []
     for topic, survey in surveys.items():
         is_array = survey.channel.msgtype.endswith("MultiArray")
-        if not (is_array or _is_special(survey)) or is_command(topic):
+        if not (is_array or is_special(survey)) or is_command(topic):
             continue
         paths = _paths(survey)
         names = {path: f"{path} {text}".strip() for path, text in paths.items()}
@@ -391,10 +391,10 @@ def _twist_fields(surveys: Mapping[str, Survey]) -> TrackTopic | None:
 
 def _special(surveys: Mapping[str, Survey]) -> list[tuple[str, Survey]]:
     """Topics that are no commands, with messages of types that are no standard ones."""
-    return [(k, one) for k, one in surveys.items() if _is_special(one) and not is_command(k)]
+    return [(k, one) for k, one in surveys.items() if is_special(one) and not is_command(k)]
 
 
-def _is_special(survey: Survey) -> bool:
+def is_special(survey: Survey) -> bool:
     """Test for messages of a type that is no standard one."""
     return survey.channel.msgtype.split("/")[0] not in STANDARD
 
@@ -488,7 +488,7 @@ def _vectors(
 ) -> tuple[str, tuple[str, ...]] | None:
     """Guess a topic with one vector, by its name, and the fields of that."""
     for topic, survey in surveys.items():
-        if survey.channel.msgtype == ros.VECTOR or _is_special(survey):
+        if survey.channel.msgtype == ros.VECTOR or is_special(survey):
             ends = {path: path.rpartition(".")[2] for path in _paths(survey)}
             names = {f"{topic}_{end}": path for path, end in ends.items() if end in {*"xyz"}}
             axes = axes_of([*names], pattern)
@@ -538,7 +538,7 @@ def _fixes(surveys: Mapping[str, Survey]) -> FixTopic | None:
         rows = map(GEODETIC_READERS[ros.NAVSATFIX], has_fix)
         has_sigma = any(row is not None and np.isfinite(row[-1]) for row in rows)
     else:
-        special = [topic for topic, survey in surveys.items() if _is_special(survey)]
+        special = [topic for topic, survey in surveys.items() if is_special(survey)]
         # Receivers first: other places may be those of a filter.
         special.sort(key=lambda topic: not RECEIVER.search(topic.lower()))
         found = ((topic, fix_keys([*_paths(surveys[topic])])) for topic in special)

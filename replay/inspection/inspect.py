@@ -35,7 +35,12 @@ from icreckon.replay.inspection import imu_mounting, robot_file, static_frames, 
 from icreckon.replay.inspection import track_by_rate as by_rate
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander, fit_fixes
 from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of
-from icreckon.replay.inspection.guess_topics import guess_topics, may_be_a_side, unused_topics
+from icreckon.replay.inspection.guess_topics import (
+    guess_topics,
+    is_special,
+    may_be_a_side,
+    unused_topics,
+)
 from icreckon.replay.inspection.gyro_bias import LEAST_BY_TRACKS, SURE, gyro_bias
 from icreckon.replay.inspection.imu_mounting import turn_apart
 from icreckon.replay.inspection.latency import (
@@ -414,6 +419,13 @@ def _missing_tracks(surveys: Collection[topic_survey.Survey]) -> str:
         "joints, fields or columns in [log.tracks] or [log.columns.tracks] of the robot file, and "
         "inspect again with --overwrite"
     )
+    undefined = ", ".join(
+        f"{survey.channel.topic} ({survey.channel.msgtype})"
+        for survey in surveys
+        if survey.recorded and not survey.messages and is_special(survey)
+    )
+    if undefined:
+        text += f"; the bag holds no definition of {undefined}: give its .msg file with --msg"
     if joints:
         text += f"; joints here are {', '.join(joints)}"
     if numbers:

@@ -47,6 +47,8 @@ def holes_text(results: Results) -> str:
     lengths = [end - start for start, end in holes]
     longest, whole = number(max(lengths)), number(sum(lengths))
     several = f" in {len(holes)} holes, the longest of {longest} s" if len(holes) > 1 else ""
+    moved = results["log"]["moved_in_holes_m"] or 0.0
+    several += f", in which the truth moves {number(moved)} m" if moved > LEAST_END_ERROR else ""
     nees = f"; NEES is that before {number(holes[0][0])} s" if results["truth"] else ""
     return f"The log has no track speeds or IMU samples for {whole} s{several}{nees}."
 
