@@ -5,7 +5,7 @@ The rules stand in `icreckon.estimator.faults` and `sensors`; a row reads the re
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import msgspec
@@ -27,6 +27,8 @@ from icreckon.estimator.sensors.imu_clock import is_alive
 LARGE_SLIP = 3.0  # factor on the slip from which it is a finding
 # Number of successive rejected position fixes that is a finding, and time of another sensor [s].
 REJECTED_IN_A_ROW, REJECTED_FOR = 3, 3.0
+FEWEST_REJECTED = 20  # IMU samples, none of which is used, that are a finding
+TURN_BY_TRACKS = "the tracks turn the pose"
 CORRELATED = 0.5  # correlation of successive innovations of position fixes that is clear
 # Names of a gyro's faults, the reasons to reject its readings, and of fixes that repeat a position.
 REPEATED = "repeats itself"
@@ -111,8 +113,8 @@ def _find_silent(record: Any) -> Iterator[Found]:
     if tracks.stamp != NEVER and (record.stamp - tracks.stamp) * NANOSECOND > hold:
         yield Found("tracks", "no track speeds", since=tracks.stamp)
     if imu.stamp != NEVER and not is_alive(imu, record.stamp, hold):
-        effect = "the tracks turn the pose"
-        yield Found("imu", f"no IMU samples: {effect}", since=imu.stamp, effect=effect)
+        text = f"no IMU samples: {TURN_BY_TRACKS}"
+        yield Found("imu", text, since=imu.stamp, effect=TURN_BY_TRACKS)
 
 
 def _find_spinning(record: Any) -> Iterator[Found]:
@@ -209,6 +211,16 @@ def _find_departing(record: Any) -> Iterator[Found]:
         size = math.hypot(record.departed_by_x, record.departed_by_y)
         text = f"fixes depart from the path, now by {size:.2f} m"
         yield Found("position", text, size=size)
+
+
+def unused_imu(rejected: Mapping[str, int]) -> Iterator[Finding]:
+    """Find an IMU of which no sample has reached the filter, by reasons with counts."""
+    if sum(rejected.values()) >= FEWEST_REJECTED:
+        reason = max(rejected, key=lambda reason: rejected[reason])
+        text = f"no IMU sample is used: {reason}; are its clock and unit of time those of the tracks?"
+        yield Finding(
+            "imu", "", "silent", None, float(sum(rejected.values())), text, TURN_BY_TRACKS
+        )
 
 
 def rejected_sensor(sensor: str, rejected_for: float) -> Iterator[Finding]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.records import Count, Size
+from icreckon.estimator.base.records import NEVER, Count, Size
 from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS
 from icreckon.estimator.filter.fault_table import (
     GYRO_FAULTS,
@@ -17,6 +17,7 @@ from icreckon.estimator.filter.fault_table import (
     Finding,
     findings_of,
     times_of,
+    unused_imu,
 )
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import Imu
@@ -336,6 +337,13 @@ def add_findings(health: Health, record: Any, x: Floats, P: Floats, imu: Imu) ->
     ):
         if count:
             health.sensor(sensor).rejected[reason] = count
+
+
+def add_arrivals(health: Health, arrivals: Health, record: Any) -> None:
+    """Add the counts of measurements that did not reach a filter with this record."""
+    health.add(arrivals)
+    if record.imu.stamp == NEVER and "imu" in arrivals.sensors:
+        health.findings += unused_imu(arrivals.sensors["imu"].rejected)
 
 
 @dataclass(frozen=True)

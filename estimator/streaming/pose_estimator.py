@@ -14,7 +14,7 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import MOST_MARKS, RelativeMotion
 from icreckon.estimator.filter.filter_record import FilterRecord
-from icreckon.estimator.filter.health import TOO_OLD, Health, Judged, ParameterHealth
+from icreckon.estimator.filter.health import TOO_OLD, Health, Judged, ParameterHealth, add_arrivals
 from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.filter.samples import RunRows, SampleArrays
 from icreckon.estimator.log.input_checks import (
@@ -209,7 +209,7 @@ class PoseEstimator:
     def health(self) -> Health:
         """Counts of the measurements so far: a copy, which later ones do not change."""
         health = self._reckoning.health
-        health.add(self._arrivals)
+        add_arrivals(health, self._arrivals, self._reckoning.record)
         health.track_latency = self._stamps.health()
         return health
 

@@ -256,3 +256,15 @@ def test_fixes_that_are_rejected_in_a_row_are_a_finding():
         assert used is (k == 3)
         found.append(estimator.health.finding("rejected") is not None)
     assert found == [False, False, True, False]
+
+
+def test_an_imu_of_which_no_sample_is_used_is_found() -> None:
+    estimator = PoseEstimator(load_robot("husky"))
+    for k in range(40):
+        estimator.feed(TrackSpeeds(10**18 + k * 10**7, 0.5, 0.5))
+        estimator.feed(ImuSample(10**15 + k * 10**7, (0.0, 0.0, 0.01)))
+    (found,) = estimator.health.findings
+    assert (found.sensor, found.fault) == ("imu", "silent")
+    assert "older than Settings.history" in found.text
+    estimator.feed(ImuSample(10**18 + 4 * 10**8, (0.0, 0.0, 0.01)))
+    assert not estimator.health.findings
