@@ -47,6 +47,7 @@ def simulate(
     robot: Robot,
     *,
     run_index: int = 0,
+    motion_index: int | None = None,
     recording: TrackSpeedSeries | None = None,
 ) -> Log:
     """Simulate a run and return its log.
@@ -55,6 +56,7 @@ def simulate(
         scenario: configuration of the run.
         robot: the robot as described by its file.
         run_index: index of the run within the study.
+        motion_index: index of its true motion, if another: a study of few `truths` repeats them.
         recording: track speeds to drive, for the trajectory "recorded" without a trajectory_file.
 
     Returns:
@@ -65,7 +67,9 @@ def simulate(
             read, an argument that is not a `Robot`, a bad run_index, or a motion that the truth
             cannot follow.
     """
-    return run_scenario(scenario, robot, run_index=run_index, recording=recording).log
+    return run_scenario(
+        scenario, robot, run_index=run_index, motion_index=motion_index, recording=recording
+    ).log
 
 
 def run_scenario(
@@ -73,6 +77,7 @@ def run_scenario(
     robot: Robot,
     *,
     run_index: int = 0,
+    motion_index: int | None = None,
     recording: TrackSpeedSeries | None = None,
 ) -> Simulation:
     """Simulate a run, true motion and biases included; arguments as in `simulate`."""
@@ -82,7 +87,7 @@ def run_scenario(
         )
     if not isinstance(robot, Robot):
         raise SimulationError(f"{robot!r} is no Robot; load it with load_robot({robot!r})")
-    streams = random_streams(scenario.seed, run_index)
+    streams = random_streams(scenario.seed, run_index if motion_index is None else motion_index)
     motion = drive(scenario, robot, streams, recording=recording)
     truth = None
     if scenario.include_truth:
@@ -115,10 +120,11 @@ def drive(
         recording = read_recording(Path(scenario.trajectory_file))
     if recording is not None and len(recording.stamps):
         lasts = float(recording.stamps[-1] - recording.stamps[0]) * NANOSECOND + STANDSTILL
-        if lasts > 1.1 * duration:
+        if not 0.9 < lasts / duration < 1.1:
+            rest = "its rest is not driven" if lasts > duration else "then the robot stands"
             warnings.warn(
-                f"the recording ends after {lasts:.1f} s, the run after {duration:g} s: its rest is not "
-                "driven; set duration",
+                f"the recording ends after {lasts:.1f} s, the run after {duration:g} s: {rest}; set "
+                "duration",
                 stacklevel=3,
             )
     command = make_trajectory(

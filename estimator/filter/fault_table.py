@@ -217,7 +217,9 @@ def unused_imu(rejected: Mapping[str, int]) -> Iterator[Finding]:
     """Find an IMU of which no sample has reached the filter, by reasons with counts."""
     if sum(rejected.values()) >= FEWEST_REJECTED:
         reason = max(rejected, key=lambda reason: rejected[reason])
-        text = f"no IMU sample is used: {reason}; are its clock and unit of time those of the tracks?"
+        text = (
+            f"no IMU sample is used: {reason}; are its clock and unit of time those of the tracks?"
+        )
         yield Finding(
             "imu", "", "silent", None, float(sum(rejected.values())), text, TURN_BY_TRACKS
         )

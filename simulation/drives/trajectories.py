@@ -112,7 +112,7 @@ def make_trajectory(
         speeds = [option for option in trajectory_options(name) if option in speed_options]
         raise SimulationError(
             f"trajectory {name!r} reaches {command.top_speed:.3g} m/s, more than max_track_speed = "
-            f"{top!r} m/s of {robot.name!r}; lower {' or '.join(speeds)}"
+            f"{top!r} m/s of {robot.name!r}; raise that, or lower {' or '.join(speeds)}"
         )
     return command
 

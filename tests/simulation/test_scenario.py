@@ -267,3 +267,11 @@ def test_a_recorded_drive_from_a_file_beside_the_scenario_and_from_memory(tmp_pa
         simulate(SHORT, ALPHA, recording=recording)
     with pytest.raises(SimulationError, match="'recorded' needs trajectory_file"):
         simulate(bare, ALPHA)
+
+
+def test_a_run_of_a_study_drives_the_motion_of_another() -> None:
+    again = simulate(SHORT, ALPHA, run_index=4, motion_index=1)
+    first, own = (simulate(SHORT, ALPHA, run_index=index) for index in (1, 4))
+    assert (again.truth.poses.poses == first.truth.poses.poses).all()
+    assert (again.truth.poses.poses != own.truth.poses.poses).any()
+    assert (again.imu.angular_velocity != first.imu.angular_velocity).any()

@@ -11,7 +11,17 @@ import pytest
 from calibration import Case, compared, make_case
 
 from conftest import sample, thorough
-from icreckon import Calibration, EstimatorError, Log, Robot, Scenario, calibrate, load_robot
+from icreckon import (
+    Calibration,
+    EstimatorError,
+    Log,
+    Robot,
+    Scenario,
+    Terrain,
+    calibrate,
+    load_robot,
+    simulate,
+)
 from icreckon.estimator.calibration.common_values import KEPT
 from icreckon.estimator.log.lever_arm import at_lever_arm
 from icreckon.estimator.log.series import PoseSeries, TrackSpeedSeries, Truth
@@ -341,6 +351,20 @@ def test_the_gyro_is_not_compared_with_headings_that_it_made(drive: str) -> None
     assert bias.value == pytest.approx(true, abs=2.5 * bias.sigma)
     assert bias.sigma < 0.004 < scale.sigma
     assert any("Of the gyro such headings show nothing" in note for note in found.notes)
+
+
+def test_on_a_slope_a_truth_without_headings_shows_no_scale_of_the_gyro() -> None:
+    """The robot slides downhill: the scale came out as 1.026 ± 0.006 where it was 1."""
+    slope = Terrain(slope_deg=6.0)
+    scenario = Scenario(duration=90.0, trajectory="random", seed=3, fix_rate=0.0, terrain=slope)
+    log = simulate(scenario, ROBOT)
+    headed, found = (
+        calibrate([replace(log, truth=truth)], ROBOT, models=("constant",))
+        for truth in (log.truth, log.truth.positions_alone())
+    )
+    assert headed.parameter("imu.gyro_scale").status == "shown"
+    assert found.parameter("imu.gyro_scale").status == "held"
+    assert any("the ground slopes by" in note for note in found.notes)
 
 
 def test_an_antenna_off_the_centre_changes_no_scale() -> None:
