@@ -33,9 +33,7 @@ SHORTEST, LONGEST = 1.0, 20.0  # limits of that length [s]
 LEAST_MOVED_SHARE = 0.02  # distance of a truth over that of the tracks, below which it stands [-]
 ALIKE, OTHER_UNIT = 0.8, 2.0
 """Correlation of turning by gyro and truth that shows their ratio, and a ratio that no scale explains."""
-STEEP = (
-    0.05  # slope from which headings by a path lean downhill, and show no scale of the gyro [rad]
-)
+STEEP = 0.03  # slope from which headings by a path lean downhill: they show no gyro scale [rad]
 AGAINST = -0.3  # correlation of turning by gyro and truth, or tracks, that indicates a wrong sign
 
 
