@@ -77,6 +77,7 @@ COUNT_QUESTION = "is counts_per_turn off by that (lines or edges, gears), or the
 COUNT_ERRORS = tuple((size, COUNT_QUESTION) for size in (0.25, 0.5, 2.0, 4.0))
 SIGN_WINDOW = 0.5  # windows in which signs are compared with those of a truth [s]
 USUAL_ERROR = 0.05  # largest relative distance from a usual error [-]
+USUAL_ETA, WIDEST_ETA = 3.5, 4.0  # usual eta0, and one that is another unit [-]
 PLAUSIBLE = (3e-4, 3e3)  # scales that are a matter of units at all [-]
 # Fewest samples of a gyro that reads one value, and turning of the tracks that a gyro must show [rad/s].
 FEWEST, CLEARLY_TURNS = 20, 0.05
@@ -348,7 +349,7 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{_guess(ratio, robot)}"
     if source == "accelerometer":
         text = f"accelerations are {ratio:.3g}{error} times the changes of the track speeds"
-        text += " (suspensions explain 1.2)"
+        text += f" (suspensions explain 1.2){_guess(ratio, robot)}"
     remedy = f"{name} = {value:g} in [{table}]"
     corrected = with_speeds(lambda speeds: ratio * speeds)
     yield check.contradicted(text, remedy, corrected, {f"{table}.{name}": value})
@@ -448,6 +449,11 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
             "measure track_gauge between the centrelines, and check sprocket_radius",
             lambda log, robot: (log, _with_track(robot, track, 1.0)),
         )
+        return
+    questions = [text for size, text in UNIT_ERRORS if 1.0 < eta0 * size < USUAL_ETA]
+    if eta0 > WIDEST_ETA and questions:
+        text = f"the tracks turn {ratio:.0f} times as far as the gyro, which no slip explains"
+        yield check.contradicted(text, f"look at the unit of [log.tracks]: {questions[0]}")
         return
     settings, icr_remedy = _track_settings(robot, round(eta0, 2)), ""
     if robot.constant_icr is not None:

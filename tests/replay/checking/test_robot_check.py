@@ -544,3 +544,15 @@ def test_a_turning_centre_beyond_the_contact_is_noted(robot: Robot) -> None:
     assert robot_check.far_centre(robot) == []
     far = with_values(robot, indices=with_values(robot.indices, zeta0=-0.9))
     assert "is [imu] position right?" in robot_check.far_centre(far)[0]
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1000.0, "mm"), (30.0 / np.pi, "rpm"), (3.6, "km/h")])
+def test_a_unit_of_the_tracks_is_found_without_a_truth(log, factor, unit) -> None:
+    fast = with_values(ALPHA, vehicle=with_values(ALPHA.vehicle, max_track_speed=5e3))
+    wrong = scaled(factor)(replace(log, truth=None))
+    (check,) = [one for one in check_robot(wrong, fast) if one.problem]
+    assert (check.name, f"in {unit}?" in check.problem) == (SCALE, True)
+    bare = replace(wrong, imu=replace(wrong.imu, linear_acceleration=None))
+    (check,) = [one for one in check_robot(bare, fast) if one.problem]
+    assert "no slip explains" in check.problem
+    assert f"in {unit}?" in check.remedy
