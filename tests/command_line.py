@@ -1,6 +1,7 @@
 """Running the command as a user does: in a process of its own, or in this one, which is quicker."""
 
 import io
+import os
 import json
 import subprocess
 import sys
@@ -76,7 +77,7 @@ def started(
         stderr=subprocess.PIPE,
         text=True,
         cwd=cwd,
-        env=env,
+        env=os.environ if env is None else env,  # without what readline adds: a width of 80
         start_new_session=True,
     )
     deadline = time.monotonic() + 120.0
