@@ -1,8 +1,8 @@
 """Running the command as a user does: in a process of its own, or in this one, which is quicker."""
 
 import io
-import os
 import json
+import os
 import subprocess
 import sys
 import time
