@@ -120,11 +120,7 @@ class FilterSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         self.made_settings()
 
     def made_settings(self) -> Settings:
-        """Make the settings, checked.
-
-        Raises:
-            SimulationError: a misspelt key, a wrong type or a bad value.
-        """
+        """Make the settings; SimulationError for a bad key, type or value."""
         return convert(self.settings, Settings, f"settings of {self.label}", SimulationError)
 
 
@@ -254,11 +250,7 @@ def flatten(data: dict[str, Any], table: str = "") -> dict[str, Any]:
 
 
 def nest(flat: dict[str, Any]) -> dict[str, Any]:
-    """Nest dotted keys into tables.
-
-    Raises:
-        SimulationError: a dotted key is both a value and a table.
-    """
+    """Nest dotted keys into tables; SimulationError if one is both value and table."""
     data: dict[str, Any] = {}
     for path, value in flat.items():
         table, (*parents, last) = data, path.split(".")
