@@ -80,7 +80,12 @@ class PairedDrift:
         with np.errstate(divide="ignore", invalid="ignore"):
             replicates = self._sums(numerators, starts) / self._sums(denominators, starts)
         replicates = replicates[np.isfinite(replicates)]
-        tail = expanded_tail(self.blocks)
+        from scipy.special import ndtr, stdtrit
+
+        # The expanded tail probability at each end.
+        blocks = self.blocks
+        quantile = math.sqrt(blocks / (blocks - 1.0)) * stdtrit(blocks - 1.0, 1.0 - TAIL)
+        tail = float(ndtr(-quantile))
         low, high = np.quantile(replicates, (tail, 1.0 - tail)).tolist()
         return Estimate(value, (min(low, value), max(high, value)))
 
@@ -94,14 +99,6 @@ class PairedDrift:
                 first = np.arange(len(log))
                 block_sums.append(summed[first + self.block] - summed[first])
         return np.asarray(np.concatenate(block_sums)[starts].sum(axis=1))
-
-
-def expanded_tail(blocks: float) -> float:
-    """Expanded tail probability at each end, for a number of independent blocks."""
-    from scipy.special import ndtr, stdtrit
-
-    quantile = math.sqrt(blocks / (blocks - 1.0)) * stdtrit(blocks - 1.0, 1.0 - TAIL)
-    return float(ndtr(-quantile))
 
 
 def paired_drift(drifts: Mapping[str, Drift]) -> PairedDrift:

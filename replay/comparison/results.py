@@ -94,7 +94,18 @@ def summarise(
         "versions": versions(),
         "inputs": {name: digest(path) for name, path in (inputs or {}).items()},
         "robot": msgspec.to_builtins(robot),
-        "log": _log_summary(comparison, holes),
+        "log": {
+            "name": log.name,
+            "duration_s": log.duration,
+            "track_samples": len(log.tracks.stamps),
+            "imu_samples": 0 if log.imu is None else len(log.imu.stamps),
+            "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
+            "dropped": log.dropped,
+            "holes_s": _in_seconds(holes, log.start),
+            "notes": [*log.notes, *_findings(comparison)],
+            "start_ns": log.start,
+            "origin": log.origin,
+        },
         "truth": _truth_summary(comparison, robot, scored, lever_arm),
         "reference_variant": None if log.truth is not None else reference,
         "baseline_variant": None if log.truth is None else baseline,
@@ -117,22 +128,6 @@ def write_results(path: Path, results: Results) -> None:
     text = json.dumps(results, indent=1, allow_nan=False)
     text = NUMBERS.sub(lambda numbers: "".join(numbers[0].split()), text)
     path.write_text(text + "\n", encoding="utf-8")
-
-
-def _log_summary(comparison: Comparison, holes: Sequence[Interval]) -> Results:
-    log = comparison.log
-    return {
-        "name": log.name,
-        "duration_s": log.duration,
-        "track_samples": len(log.tracks.stamps),
-        "imu_samples": 0 if log.imu is None else len(log.imu.stamps),
-        "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
-        "dropped": log.dropped,
-        "holes_s": _in_seconds(holes, log.start),
-        "notes": [*log.notes, *_findings(comparison)],
-        "start_ns": log.start,
-        "origin": log.origin,
-    }
 
 
 def _in_seconds(spans: Sequence[Interval], start: int) -> list[list[float]]:

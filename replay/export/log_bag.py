@@ -71,11 +71,7 @@ def write_log(
 
 
 def check_place(path: Path, format: Format, robot: Robot, *, overwrite: bool = False) -> None:  # noqa: A002
-    """Check the arguments of `write_log` before a long run.
-
-    Raises:
-        ReplayError: a bad mapping, or an existing output that may not be replaced.
-    """
+    """Refuse what `write_log` would, a mapping or place, before a long run: ReplayError."""
     topic_map(robot)
     check_replaceable(bag_path(path, format), overwrite=overwrite, mark=MARK.encode())
 

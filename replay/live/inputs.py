@@ -100,9 +100,7 @@ class LiveInputs:
     _wheels: ApartMessages = field(default_factory=ApartMessages)
     _forces: ApartMessages = field(default_factory=lambda: ApartMessages(at=0))
     _counter: tuple[int, Floats] | None = None  # newest positions of wheels, with their stamp [ns]
-    _odometry: tuple[int, Floats] | None = (
-        None  # newest row of another odometry, with its stamp [ns]
-    )
+    _odometry: tuple[int, Floats] | None = None  # newest row of another odometry, stamp [ns]
     _newest_transform: int = -1  # its stamp [ns]; -1 before the first
     _went_back: int | None = None  # time to which the clock of arrivals went back [ns]
     _ahead_ns: int = 0  # header stamp minus arrival of the newest message
