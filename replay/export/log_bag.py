@@ -60,7 +60,23 @@ def write_log(
     """
     robot_topics = topic_map(robot)
     topics = _with_antenna(writable_topics(robot_topics), log)
-    outboxes = _log_outboxes(log, topics, robot.vehicle.sprocket_radius)
+    outboxes, radius = [], robot.vehicle.sprocket_radius
+    tracks, truth = topics.tracks, topics.truth
+    if tracks and len(log.tracks.stamps):
+        outboxes.append(_joint_states(tracks.topic, log.tracks, tracks, radius))
+    if topics.imu and log.imu is not None:
+        outboxes.append(_imu_messages(topics.imu.topic, log.imu))
+    if topics.fixes and log.fixes is not None:
+        outboxes.append(fix_messages(topics.fixes.topic, log.fixes))
+    if truth and log.truth is not None:
+        outboxes.append(pose_messages(truth.topic, log.truth.poses))
+        if truth.source_topic:
+            first = log.truth.poses.stamps[:1]
+            outboxes.append(_text_message(truth.source_topic, first, log.truth.source))
+        if truth.twist and log.truth.twists is not None:
+            outboxes.append(_twist_messages(truth.twist, log.truth.twists))
+        if tracks and truth.tracks and log.truth.tracks is not None:
+            outboxes.append(_joint_states(truth.tracks, log.truth.tracks, tracks, radius))
     if topics != robot_topics:
         # `read_log` reads the bag by the mapping of the streams that the log has.
         names = [name for name in ("imu", "fixes", "truth") if getattr(log, name) is not None]
@@ -88,29 +104,6 @@ def _with_antenna(topics: TopicMap, log: Log) -> TopicMap:
     return msgspec.structs.replace(topics, fixes=fixes)
 
 
-def _log_outboxes(log: Log, topics: TopicMap, radius: float) -> list[Outbox]:
-    """Messages of a log; `topics` maps all streams (see `writable_topics`)."""
-    # Track speeds are divided by the sprocket radius [m] to joint rates.
-    outboxes = []
-    tracks, truth = topics.tracks, topics.truth
-    if tracks and len(log.tracks.stamps):
-        outboxes.append(_joint_states(tracks.topic, log.tracks, tracks, radius))
-    if topics.imu and log.imu is not None:
-        outboxes.append(_imu_messages(topics.imu.topic, log.imu))
-    if topics.fixes and log.fixes is not None:
-        outboxes.append(fix_messages(topics.fixes.topic, log.fixes))
-    if truth and log.truth is not None:
-        outboxes.append(pose_messages(truth.topic, log.truth.poses))
-        if truth.source_topic:
-            first = log.truth.poses.stamps[:1]
-            outboxes.append(_text_message(truth.source_topic, first, log.truth.source))
-        if truth.twist and log.truth.twists is not None:
-            outboxes.append(_twist_messages(truth.twist, log.truth.twists))
-        if tracks and truth.tracks and log.truth.tracks is not None:
-            outboxes.append(_joint_states(truth.tracks, log.truth.tracks, tracks, radius))
-    return outboxes
-
-
 def _text_message(topic: str, stamps: Stamps, text: str) -> Outbox:
     """Text as a latched std_msgs/String at each of some stamps (here one) [ns]."""
     return Outbox(topic, ros.STRING, stamps, lambda _: {"data": text}, latched=True)
@@ -119,7 +112,7 @@ def _text_message(topic: str, stamps: Stamps, text: str) -> Outbox:
 def _joint_states(
     topic: str, tracks: series.TrackSpeedSeries, mapped: TrackKeys, sprocket_radius: float
 ) -> Outbox:
-    """Track speeds as sensor_msgs/JointState, one rate for all joints of a side."""
+    """Track speeds over the radius [m] as sensor_msgs/JointState, all joints of a side."""
     names = list(mapped.names)
     columns = [0] * len(mapped.left) + [1] * len(mapped.right)
 

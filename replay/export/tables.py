@@ -87,11 +87,7 @@ def pose_columns(series: PoseSeries, start: int) -> dict[str, Any]:
 
 
 def write_table(path: Path, form: Format, columns: dict[str, Any]) -> Path:
-    """Write columns (n,) as a table, "csv" or "parquet".
-
-    Raises:
-        ReplayError: the file exists, or cannot be written.
-    """
+    """Write columns (n,) as a new table, "csv" or "parquet", or raise a ReplayError."""
     import pyarrow as pa
     from pyarrow import csv, parquet
 
