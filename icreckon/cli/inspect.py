@@ -18,7 +18,6 @@ from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, proposed_ros_
 from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
 from icreckon.replay.inspection.inspect import Inspection, inspect
 from icreckon.replay.inspection.robot_file import FILL_IN, FIRST_WORDS, NO_SIZES
-from icreckon.replay.inspection.topic_survey import TopicReport
 from icreckon.replay.reading.gather import source_name
 from icreckon.report.printable import printable
 
@@ -122,7 +121,14 @@ def _topics(inspection: Inspection, *, narrow: bool) -> Table:
     for topic in inspection.topics:
         names = [topic.topic, topic.msgtype, topic.frame_id]
         names = ["\n".join(filter(None, names))] if narrow else names
-        cells = _numbers(topic)
+        cells = [
+            str(topic.count),
+            _number(topic.mean_rate, 1),
+            "" if topic.gaps is None else str(topic.gaps),
+            _number(topic.largest_gap, 2),
+            _number(topic.clock_offset, 3),
+            "" if topic.repeated_share is None else f"{100.0 * topic.repeated_share:.0f} %",
+        ]
         table.add_row(*names, *(cells[place] for place in numbers))
     return table
 
@@ -140,17 +146,6 @@ def _show(inspection: Inspection, *, wide: bool, with_file: bool) -> None:
     if with_file:
         out.print(Text("\nProposed robot file (--write FILE saves it):\n"))
         typer.echo(printable(inspection.proposed_robot_file))
-
-
-def _numbers(topic: TopicReport) -> list[str]:
-    return [
-        str(topic.count),
-        _number(topic.mean_rate, 1),
-        "" if topic.gaps is None else str(topic.gaps),
-        _number(topic.largest_gap, 2),
-        _number(topic.clock_offset, 3),
-        "" if topic.repeated_share is None else f"{100.0 * topic.repeated_share:.0f} %",
-    ]
 
 
 def _number(value: float | None, digits: int) -> str:

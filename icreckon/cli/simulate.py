@@ -165,20 +165,16 @@ def _setting(text: str) -> dict[str, Any]:
     path, equals, written = text.partition("=")
     if not equals or not path.strip():
         raise SimulationError(f"--set {text!r}: give key and value, as gyro.noise_density=0.001")
-    value = _value(written.strip())
+    # A value as in TOML, else a number that TOML refuses (as .5), else the text itself.
+    value: Any = written.strip()
+    try:
+        value = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        with suppress(ValueError):
+            value = float(value)
     for key in reversed(path.split(".")):
         value = {key.strip(): value}
     return cast("dict[str, Any]", value)
-
-
-def _value(written: str) -> Any:
-    """Value as in TOML, else a number that TOML refuses (as .5), else the text itself."""
-    with suppress(tomllib.TOMLDecodeError):
-        return tomllib.loads(f"value = {written}")["value"]
-    try:
-        return float(written)
-    except ValueError:
-        return written
 
 
 def _outage(text: str) -> list[float]:

@@ -21,7 +21,7 @@ from icreckon.report.study.text import failures, headline, notes, same_results, 
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.runner import Progress as Done
 from icreckon.simulation.study.cells import expand
-from icreckon.simulation.study.plan import Study, load_study, study_names
+from icreckon.simulation.study.plan import load_study, study_names
 from icreckon.simulation.study.results import Results
 
 FOLDER = "icreckon-study"
@@ -67,7 +67,14 @@ def command(
     The same command continues an interrupted study.
     """
     if list_studies:
-        results().print(_list_of_studies())
+        table = Table(title="studies that ship with icreckon", title_justify="left")
+        for heading in ("name", "cells", "variants", "runs of each", "what it shows"):
+            table.add_column(heading, no_wrap=heading == "name")
+        for name in study_names():
+            loaded = load_study(name)
+            counts = len(expand(loaded).cells), len(loaded.variants), loaded.runs
+            table.add_row(name, *map(str, counts), loaded.description.strip())
+        results().print(table)
         return
     if study is None:
         raise SimulationError(
@@ -154,14 +161,3 @@ def _summary(study_results: Results, *, narrow: bool) -> Group:
             table.add_row(*(Text(cell) for cell in row))
         parts.append(table)
     return Group(*parts, *(Text(line) for line in notes(study_results, narrow=narrow)))
-
-
-def _list_of_studies() -> Table:
-    table = Table(title="studies that ship with icreckon", title_justify="left")
-    for heading in ("name", "cells", "variants", "runs of each", "what it shows"):
-        table.add_column(heading, no_wrap=heading == "name")
-    for name in study_names():
-        study: Study = load_study(name)
-        cells, variants = len(expand(study).cells), len(study.variants)
-        table.add_row(name, str(cells), str(variants), str(study.runs), study.description.strip())
-    return table

@@ -108,33 +108,26 @@ def _ros1_header(data: bytes) -> tuple[int, str]:
 @cache
 def _typestore(msgtype: str, known: MessageDefinition, definitions: Definitions = ()) -> Typestore:
     """Types by the bag's definition; if none, those of Humble and `definitions`."""
+    types: dict[str, Any] = {}
     if known.format == MessageDefinitionFormat.NONE:
         store = get_typestore(Stores.ROS2_HUMBLE)
-        types: dict[str, Any] = {}
         for name, text in definitions:
             # A file outside of its package's folder has the right name, and another package.
             is_wanted = name.rpartition("/")[2] == msgtype.rpartition("/")[2]
             types.update(get_types_from_msg(text, msgtype if is_wanted else name))
         store.register({name: kind for name, kind in types.items() if name not in store.fielddefs})
         return store
-    store = get_typestore(Stores.EMPTY)
-    store.register(_parse_definition(msgtype, known))
-    return store
-
-
-def _parse_definition(msgtype: str, definition: MessageDefinition) -> dict[str, Any]:
-    """Parse the definition of a type and of the types in it, by name (for rosbags)."""
-    text = definition.data
-    types: dict[str, Any] = {}
-    if definition.format == MessageDefinitionFormat.MSG:
-        types.update(get_types_from_msg(text, msgtype))
-    elif not text.startswith(f"{IDL_RULE}IDL: "):
-        types.update(get_types_from_idl(text))
+    if known.format == MessageDefinitionFormat.MSG:
+        types.update(get_types_from_msg(known.data, msgtype))
+    elif not known.data.startswith(f"{IDL_RULE}IDL: "):
+        types.update(get_types_from_idl(known.data))
     else:
-        for section in text.split(IDL_RULE)[1:]:
+        for section in known.data.split(IDL_RULE)[1:]:
             _title, _, idl = section.partition("\n")
             types.update(get_types_from_idl(idl))
-    return types
+    store = get_typestore(Stores.EMPTY)
+    store.register(types)
+    return store
 
 
 def read_definitions(files: Sequence[Path]) -> Definitions:

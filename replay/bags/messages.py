@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.replay.bags.decoding import NANOSECONDS
@@ -51,8 +50,10 @@ class Messages:
     """Factory and serialiser of the messages of a ROS version."""
 
     def __init__(self, *, ros1: bool) -> None:
-        self.store = _store(ros1=ros1)
         self.ros1 = ros1
+        self.store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+        if TF not in self.store.types:
+            self.store.register(get_types_from_msg(TF_DEFINITION, TF))
         self.serialize = self.store.serialize_ros1 if ros1 else self.store.serialize_cdr
 
     def new(self, msgtype: str, **fields: Any) -> Any:
@@ -101,11 +102,3 @@ class Messages:
         if element_kind.name == "BASE" and element[0] != "string":
             return np.zeros(length, element[0])
         return [self._empty_value(element_kind.name, element) for _ in range(length)]
-
-
-def _store(*, ros1: bool) -> Typestore:
-    """Message types of ROS 1 Noetic or ROS 2 Humble, with TFMessage in both."""
-    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
-    if TF not in store.types:
-        store.register(get_types_from_msg(TF_DEFINITION, TF))
-    return store

@@ -1,5 +1,6 @@
 """Bag writer: messages of several topics in the order of their stamps."""
 
+import re
 import sqlite3
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -103,13 +104,11 @@ def _rows(stamps: Stamps, columns: Sequence[NDArray[Any]]) -> NDArray[np.uint8]:
 
 def _places(data: bytes, patterns: NDArray[np.uint8]) -> list[tuple[int, int]]:
     """Pairs of a number of a row and a place of its bytes in a message."""
-    places = []
-    for number, pattern in enumerate(patterns):
-        place = data.find(pattern.tobytes())
-        while place >= 0:
-            places.append((number, place))
-            place = data.find(pattern.tobytes(), place + NUMBER_BYTES)
-    return places
+    return [
+        (number, found.start())
+        for number, pattern in enumerate(patterns)
+        for found in re.finditer(re.escape(pattern.tobytes()), data)
+    ]
 
 
 def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bool = False) -> Path:
@@ -166,8 +165,7 @@ def _write_messages(outboxes: list[Outbox], writer: Any, messages: Messages) -> 
         for stamp, data in zip(outbox.stamps.tolist(), outbox.serialised(messages), strict=True):
             yield stamp, connection, data
 
-    by_stamp = itemgetter(0)
-    for stamp, connection, data in merge(*map(serialised, outboxes), key=by_stamp):
+    for stamp, connection, data in merge(*map(serialised, outboxes), key=itemgetter(0)):
         writer.write(connection, stamp, data)
 
 

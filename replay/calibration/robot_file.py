@@ -26,13 +26,19 @@ def robot_file_text(
 
     `sources` are names of logs, `robot_name` that of the file before; `headline` is left out if empty.
     """
+    logs = []
+    for log in found.logs:
+        bias, bias_sigma = log.gyro_bias
+        lag = "lag not found" if log.lag is None else "{:.3f} ± {:.3f} s late".format(*log.lag)
+        gyro = f"gyro bias {bias:.5f} ± {bias_sigma:.5f} rad/s"
+        logs.append(f"{log.name}: {log.distance:.0f} m, {gyro}, truth {lag}")
     header = [
         f"from {', '.join(sources)}, starting from {robot_name}.",
         *filter(None, [headline]),
         found.verdict,
         "Comments are standard errors; «held» parameters are not observable in the logs and unchanged.",
         *found.notes,
-        *_log_lines(found),
+        *logs,
     ]
     # Names of logs may contain line breaks, which would end the comment.
     first, *more = (" ".join(line.split()) for line in header)
@@ -47,17 +53,6 @@ def robot_file_text(
     }
     lines = [f"{FIRST_WORDS} {first}", *(f"# {line}" for line in more)]
     return "\n".join(lines) + "\n" + robot_toml(found.robot, comments_by_table)
-
-
-def _log_lines(found: Calibration) -> list[str]:
-    """Distance, gyro bias and lag of the truth of each log, a line each."""
-    lines = []
-    for log in found.logs:
-        bias, bias_sigma = log.gyro_bias
-        lag = "lag not found" if log.lag is None else "{:.3f} ± {:.3f} s late".format(*log.lag)
-        gyro = f"gyro bias {bias:.5f} ± {bias_sigma:.5f} rad/s"
-        lines.append(f"{log.name}: {log.distance:.0f} m, {gyro}, truth {lag}")
-    return lines
 
 
 def _comment(parameter: FoundParameter, file: dict[str, Any]) -> str:

@@ -80,7 +80,12 @@ class PairedDrift:
         with np.errstate(divide="ignore", invalid="ignore"):
             replicates = self._sums(numerators, starts) / self._sums(denominators, starts)
         replicates = replicates[np.isfinite(replicates)]
-        tail = expanded_tail(self.blocks)
+        from scipy.special import ndtr, stdtrit
+
+        # The expanded tail probability at each end.
+        blocks = self.blocks
+        quantile = math.sqrt(blocks / (blocks - 1.0)) * stdtrit(blocks - 1.0, 1.0 - TAIL)
+        tail = float(ndtr(-quantile))
         low, high = np.quantile(replicates, (tail, 1.0 - tail)).tolist()
         return Estimate(value, (min(low, value), max(high, value)))
 
@@ -96,14 +101,6 @@ class PairedDrift:
         return np.asarray(np.concatenate(block_sums)[starts].sum(axis=1))
 
 
-def expanded_tail(blocks: float) -> float:
-    """Expanded tail probability at each end, for a number of independent blocks."""
-    from scipy.special import ndtr, stdtrit
-
-    quantile = math.sqrt(blocks / (blocks - 1.0)) * stdtrit(blocks - 1.0, 1.0 - TAIL)
-    return float(ndtr(-quantile))
-
-
 def paired_drift(drifts: Mapping[str, Drift]) -> PairedDrift:
     """Pair the drifts of one horizon on the common segments in which the robot moved."""
     if not drifts:
@@ -117,20 +114,14 @@ def paired_drift(drifts: Mapping[str, Drift]) -> PairedDrift:
     # Distances and durations are those of the truth, the same in each drift.
     first = next(iter(drifts.values()))
     rows = np.searchsorted(first.starts, common_starts)
-    block = _block_length(first, rows)
-    return PairedDrift(tuple(drifts), np.array(errors), first.distances[rows], block)
-
-
-def _block_length(drift: Drift, rows: NDArray[np.int64]) -> int:
-    """Length of a block of the bootstrap, in consecutive segments of `rows`."""
-    starts, duration = drift.starts[rows], drift.horizon
-    if drift.unit == "m":
-        duration = float(drift.durations[rows].mean()) if len(rows) else 1.0
-    step = float(np.median(np.diff(starts))) * NANOSECOND if len(rows) > 1 else 1.0
+    duration, count = first.horizon, len(rows)
+    if first.unit == "m":
+        duration = float(first.durations[rows].mean()) if count else 1.0
+    step = float(np.median(np.diff(common_starts))) * NANOSECOND if count > 1 else 1.0
     # In steps from one segment to the next, which overlaps it.
     segment = max(1.0, duration / step)
-    block = min(BLOCK_SEGMENTS * segment, max(segment, len(rows) / WANTED_BLOCKS))
-    return max(1, math.ceil(block))
+    block = math.ceil(min(BLOCK_SEGMENTS * segment, max(segment, count / WANTED_BLOCKS)))
+    return PairedDrift(tuple(drifts), np.array(errors), first.distances[rows], max(1, block))
 
 
 def pooled_drift(logs: Sequence[PairedDrift], among: Sequence[str] | None = None) -> PairedDrift:
@@ -140,22 +131,14 @@ def pooled_drift(logs: Sequence[PairedDrift], among: Sequence[str] | None = None
     wanted = logs[0].names if among is None else [name for name in logs[0].names if name in among]
     names = tuple(name for name in wanted if all(name in log.names for log in logs))
     errors = [log.errors[[log.names.index(name) for name in names]] for log in logs]
-    return PairedDrift(
-        names,
-        np.concatenate(errors, axis=1),
-        np.concatenate([log.distances for log in logs]),
-        _usual_block(logs),
-        tuple(len(log.distances) for log in logs),
-    )
-
-
-def _usual_block(logs: Sequence[PairedDrift]) -> int:
-    """Median length of a block over all segments: no short odd log changes it."""
+    distances = np.concatenate([log.distances for log in logs])
+    # Median length of a block over all segments: no short odd log changes it.
     lengths = np.array([log.block for log in logs])
-    counts = np.array([len(log.distances) for log in logs])
+    counts = [len(log.distances) for log in logs]
     order = np.argsort(lengths)
-    segments = np.cumsum(counts[order])
-    return int(lengths[order][np.searchsorted(segments, 0.5 * segments[-1])])
+    segments = np.cumsum(np.array(counts)[order])
+    block = int(lengths[order][np.searchsorted(segments, 0.5 * segments[-1])])
+    return PairedDrift(names, np.concatenate(errors, axis=1), distances, block, tuple(counts))
 
 
 def matched_drifts(first: Drift, other: Drift, *, later: float = 0.0) -> tuple[Drift, Drift]:

@@ -95,7 +95,19 @@ def summarise(
         "versions": versions(),
         "inputs": {name: digest(path) for name, path in (inputs or {}).items()},
         "robot": msgspec.to_builtins(robot),
-        "log": _log_summary(comparison, holes),
+        "log": {
+            "name": log.name,
+            "duration_s": log.duration,
+            "track_samples": len(log.tracks.stamps),
+            "imu_samples": 0 if log.imu is None else len(log.imu.stamps),
+            "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
+            "dropped": log.dropped,
+            "holes_s": _in_seconds(holes, log.start),
+            "moved_in_holes_m": _moved_in(holes, log.truth),
+            "notes": [*log.notes, *_findings(comparison)],
+            "start_ns": log.start,
+            "origin": log.origin,
+        },
         "truth": _truth_summary(comparison, robot, scored, lever_arm),
         "reference_variant": None if log.truth is not None else reference,
         "baseline_variant": None if log.truth is None else baseline,
@@ -118,23 +130,6 @@ def write_results(path: Path, results: Results) -> None:
     text = json.dumps(results, indent=1, allow_nan=False)
     text = NUMBERS.sub(lambda numbers: "".join(numbers[0].split()), text)
     path.write_text(text + "\n", encoding="utf-8")
-
-
-def _log_summary(comparison: Comparison, holes: Sequence[Interval]) -> Results:
-    log = comparison.log
-    return {
-        "name": log.name,
-        "duration_s": log.duration,
-        "track_samples": len(log.tracks.stamps),
-        "imu_samples": 0 if log.imu is None else len(log.imu.stamps),
-        "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
-        "dropped": log.dropped,
-        "holes_s": _in_seconds(holes, log.start),
-        "moved_in_holes_m": _moved_in(holes, log.truth),
-        "notes": [*log.notes, *_findings(comparison)],
-        "start_ns": log.start,
-        "origin": log.origin,
-    }
 
 
 def _moved_in(holes: Sequence[Interval], truth: Truth | None) -> float | None:

@@ -99,15 +99,9 @@ def align_truth(
     """Estimate and remove lag and lever arm of a truth, by dead reckoning at its time.
 
     A filter uses each sample of the gyro for the step that ends with it, so its headings are half an
-    interval of the IMU ahead. This lead is removed, too, but the reported lag does not include it.
-
-    Args:
-        truth: poses of some point of the robot, late by an unknown lag.
-        reckoned: the dead reckoning.
-        imu: the IMU that it is from, None for tracks alone.
-
-    Returns:
-        The alignment; no lag, zero lever arm, or no headings, if they are not observable.
+    interval of the IMU ahead. This lead is removed, too, but the reported lag does not include it. `imu`
+    is that of the dead reckoning, None for tracks alone. What is not observable is no lag, a zero lever
+    arm, or no headings.
     """
     path = reckoned.pose_series
     gyro_lead = 0.0

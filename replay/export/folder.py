@@ -67,22 +67,15 @@ def write_exports(
 
 
 def write_tum(path: Path, poses: PoseSeries) -> Path:
-    """Write poses as a TUM file, 9 decimals each; the stamps are exact.
-
-    Raises:
-        ReplayError: the file exists, or cannot be written.
-    """
+    """Write poses as a new TUM file (or ReplayError): 9 decimals each, exact stamps."""
     rows = zip(map(int, poses.stamps), poses.positions, poses.quaternions, strict=True)
     with new_file(path) as new, new.open("w", encoding="ascii", newline="\n") as file:
         # One row at a time: lists of all rows would take three times the memory of the poses.
         for stamp, position, quaternion in rows:
             # The sum turns -0.0 into 0.0.
             numbers = " ".join(f"{value + 0.0:.9f}" for value in (*position, *quaternion))
-            file.write(f"{_seconds(stamp)} {numbers}\n")
+            # A float would round the stamp.
+            seconds, nanoseconds = divmod(abs(stamp), NANOSECONDS)
+            sign = "-" if stamp < 0 else ""
+            file.write(f"{sign}{seconds}.{nanoseconds:09d} {numbers}\n")
     return path
-
-
-def _seconds(stamp: int) -> str:
-    """Format a stamp [ns] in seconds, exactly: a float would round it."""
-    seconds, nanoseconds = divmod(abs(stamp), NANOSECONDS)
-    return f"{'-' if stamp < 0 else ''}{seconds}.{nanoseconds:09d}"

@@ -38,11 +38,7 @@ def parse_formats(text: str | None) -> tuple[str, ...]:
 
 
 def check_formats(formats: Sequence[str], log: Log) -> None:
-    """Check that a log can be written in some formats, before any work.
-
-    Raises:
-        ReplayError: it has no place on the globe, which a format needs.
-    """
+    """Refuse formats that need a place on the globe, which a log lacks: ReplayError."""
     if "geojson" in formats and log.origin is None:
         raise ReplayError(
             f"--formats geojson needs places on the globe, and log {log.name!r} has none: its fixes, or "

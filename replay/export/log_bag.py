@@ -60,42 +60,7 @@ def write_log(
     """
     robot_topics = topic_map(robot)
     topics = _with_antenna(writable_topics(robot_topics), log)
-    outboxes = _log_outboxes(log, topics, robot.vehicle.sprocket_radius)
-    if topics != robot_topics:
-        # `read_log` reads the bag by the mapping of the streams that the log has.
-        names = [name for name in ("imu", "fixes", "truth") if getattr(log, name) is not None]
-        used = TopicMap(topics.tracks, **{name: getattr(topics, name) for name in names})
-        text = msgspec.json.encode(used).decode()
-        outboxes.append(_text_message(MAPPING_TOPIC, np.array([log.start]), text))
-    return write_bag(Path(path), format, outboxes, overwrite=overwrite)
-
-
-def check_place(path: Path, format: Format, robot: Robot, *, overwrite: bool = False) -> None:  # noqa: A002
-    """Check the arguments of `write_log` before a long run.
-
-    Raises:
-        ReplayError: a bad mapping, or an existing output that may not be replaced.
-    """
-    topic_map(robot)
-    check_replaceable(bag_path(path, format), overwrite=overwrite, mark=MARK.encode())
-
-
-def _with_antenna(topics: TopicMap, log: Log) -> TopicMap:
-    """Mapping with the position of the one antenna that all fixes of the log are of."""
-    if log.fixes is None or topics.fixes is None or not len(log.fixes.stamps):
-        return topics
-    antennas = np.unique(log.fixes.lever_arms, axis=0).tolist()
-    if len(antennas) > 1:
-        problem = f"fixes of antennas at {antennas} m; a bag holds fixes of one, drop the others"
-        raise ReplayError(f"{log.name}: {problem}")
-    fixes = msgspec.structs.replace(topics.fixes, position=tuple(antennas[0]))
-    return msgspec.structs.replace(topics, fixes=fixes)
-
-
-def _log_outboxes(log: Log, topics: TopicMap, radius: float) -> list[Outbox]:
-    """Messages of a log; `topics` maps all streams (see `writable_topics`)."""
-    # Track speeds are divided by the sprocket radius [m] to joint rates.
-    outboxes = []
+    outboxes, radius = [], robot.vehicle.sprocket_radius
     tracks, truth = topics.tracks, topics.truth
     if tracks and len(log.tracks.stamps):
         outboxes.append(_joint_states(tracks.topic, log.tracks, tracks, radius))
@@ -112,7 +77,31 @@ def _log_outboxes(log: Log, topics: TopicMap, radius: float) -> list[Outbox]:
             outboxes.append(_twist_messages(truth.twist, log.truth.twists))
         if tracks and truth.tracks and log.truth.tracks is not None:
             outboxes.append(_joint_states(truth.tracks, log.truth.tracks, tracks, radius))
-    return outboxes
+    if topics != robot_topics:
+        # `read_log` reads the bag by the mapping of the streams that the log has.
+        names = [name for name in ("imu", "fixes", "truth") if getattr(log, name) is not None]
+        used = TopicMap(topics.tracks, **{name: getattr(topics, name) for name in names})
+        text = msgspec.json.encode(used).decode()
+        outboxes.append(_text_message(MAPPING_TOPIC, np.array([log.start]), text))
+    return write_bag(Path(path), format, outboxes, overwrite=overwrite)
+
+
+def check_place(path: Path, format: Format, robot: Robot, *, overwrite: bool = False) -> None:  # noqa: A002
+    """Refuse what `write_log` would, a mapping or place, before a long run: ReplayError."""
+    topic_map(robot)
+    check_replaceable(bag_path(path, format), overwrite=overwrite, mark=MARK.encode())
+
+
+def _with_antenna(topics: TopicMap, log: Log) -> TopicMap:
+    """Mapping with the position of the one antenna that all fixes of the log are of."""
+    if log.fixes is None or topics.fixes is None or not len(log.fixes.stamps):
+        return topics
+    antennas = np.unique(log.fixes.lever_arms, axis=0).tolist()
+    if len(antennas) > 1:
+        problem = f"fixes of antennas at {antennas} m; a bag holds fixes of one, drop the others"
+        raise ReplayError(f"{log.name}: {problem}")
+    fixes = msgspec.structs.replace(topics.fixes, position=tuple(antennas[0]))
+    return msgspec.structs.replace(topics, fixes=fixes)
 
 
 def _text_message(topic: str, stamps: Stamps, text: str) -> Outbox:
@@ -123,7 +112,7 @@ def _text_message(topic: str, stamps: Stamps, text: str) -> Outbox:
 def _joint_states(
     topic: str, tracks: series.TrackSpeedSeries, mapped: TrackKeys, sprocket_radius: float
 ) -> Outbox:
-    """Track speeds as sensor_msgs/JointState, one rate for all joints of a side."""
+    """Track speeds over the radius [m] as sensor_msgs/JointState, all joints of a side."""
     names = list(mapped.names)
     columns = [0] * len(mapped.left) + [1] * len(mapped.right)
 

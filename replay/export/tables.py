@@ -87,11 +87,7 @@ def pose_columns(series: PoseSeries, start: int) -> dict[str, Any]:
 
 
 def write_table(path: Path, form: Format, columns: dict[str, Any]) -> Path:
-    """Write columns (n,) as a table, "csv" or "parquet".
-
-    Raises:
-        ReplayError: the file exists, or cannot be written.
-    """
+    """Write columns (n,) as a new table, "csv" or "parquet", or raise a ReplayError."""
     import pyarrow as pa
     from pyarrow import csv, parquet
 
@@ -132,13 +128,8 @@ def columns_of(comparison: Comparison, robot: Robot, variant: str) -> dict[str, 
         raise ReplayError(f"the comparison has no run {variant!r}; {why}")
     run = comparison.runs[variant]
     columns: dict[str, NDArray[Any]] = run_columns(run, robot, comparison.log.start)
-    if comparison.log.truth is not None:
-        columns |= _truth_columns(comparison, variant, run)
-    return columns
-
-
-def _truth_columns(comparison: Comparison, variant: str, run: Run) -> dict[str, NDArray[Any]]:
-    """Columns (n,) of the aligned truth, and of the errors of a run; NaN in its holes."""
+    if comparison.log.truth is None:
+        return columns
     truth = comparison.truths[variant].truth
     poses = true_poses_at(truth, run.stamps)
     poses[:, 2] = wrap_angle(poses[:, 2])
@@ -150,6 +141,6 @@ def _truth_columns(comparison: Comparison, variant: str, run: Run) -> dict[str, 
     has_nees = regular(covariances) & (truth.source != OF_FIXES)
     normalised = np.full(len(errors), np.nan)
     normalised[has_nees] = nees(errors[has_nees], covariances[has_nees])
-    columns = dict(zip(("true_x_m", "true_y_m", "true_yaw_rad"), poses.T, strict=True))
+    columns |= zip(("true_x_m", "true_y_m", "true_yaw_rad"), poses.T, strict=True)
     columns |= {"position_error_m": np.hypot(x_error, y_error), "yaw_error_rad": yaw_error}
     return columns | {"nees_pose": normalised}

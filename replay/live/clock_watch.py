@@ -63,7 +63,16 @@ class ClockWatch(Generic[T]):
         if len(held) < WITNESSES:
             return Watched([], lost=lost)
         step = held[0].stamp - held[0].arrival - state.offset
-        return Watched(self._set_forward(step), step, lost)
+        # All streams are set forward; the messages that they hold are ready, by arrival.
+        released: list[_Held[T]] = []
+        for other in self._streams.values():
+            other.stamp, other.offset = other.stamp + step, other.offset + step
+            released += other.held
+            if other.held:
+                other.stamp = other.held[-1].stamp
+                other.held.clear()
+        released.sort(key=lambda one: one.arrival)
+        return Watched([one.message for one in released], step, lost)
 
     def _accept(self, state: _Stream[T], stamp: int, offset: int, message: T) -> Watched[T]:
         """Accept a message that is not ahead, and discard those that are held back."""
@@ -76,14 +85,3 @@ class ClockWatch(Generic[T]):
         elif not state.behind:
             state.stamp, state.offset = stamp, max(state.offset, offset)
         return Watched([message], lost=lost)
-
-    def _set_forward(self, step: int) -> list[T]:
-        """Set all streams forward by a step [ns]; return held messages by arrival."""
-        released: list[_Held[T]] = []
-        for stream in self._streams.values():
-            stream.stamp, stream.offset = stream.stamp + step, stream.offset + step
-            released += stream.held
-            if stream.held:
-                stream.stamp = stream.held[-1].stamp
-                stream.held.clear()
-        return [held.message for held in sorted(released, key=lambda held: held.arrival)]

@@ -24,13 +24,7 @@ from icreckon.replay.live.apart_messages import ApartMessages
 from icreckon.replay.live.clock_watch import ClockWatch
 from icreckon.replay.live.silence import missing_joints
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
-from icreckon.replay.mapping.topics import (
-    FixTopic,
-    HeadingTopic,
-    TopicMap,
-    TrackTopic,
-    VelocityTopic,
-)
+from icreckon.replay.mapping.topics import FixTopic, TopicMap, TrackTopic, VelocityTopic
 from icreckon.replay.mapping.track_units import differences
 from icreckon.replay.reading import conversions
 from icreckon.replay.reading.clocks import (
@@ -100,9 +94,7 @@ class LiveInputs:
     _wheels: ApartMessages = field(default_factory=ApartMessages)
     _forces: ApartMessages = field(default_factory=lambda: ApartMessages(at=0))
     _counter: tuple[int, Floats] | None = None  # newest positions of wheels, with their stamp [ns]
-    _odometry: tuple[int, Floats] | None = (
-        None  # newest row of another odometry, with its stamp [ns]
-    )
+    _odometry: tuple[int, Floats] | None = None  # newest row of another odometry, stamp [ns]
     _newest_transform: int = -1  # its stamp [ns]; -1 before the first
     _went_back: int | None = None  # time to which the clock of arrivals went back [ns]
     _ahead_ns: int = 0  # header stamp minus arrival of the newest message
@@ -363,7 +355,11 @@ class LiveInputs:
             case "velocity":
                 yield from self._velocity(stamp, rows, mapped)
             case _:
-                yield from self._heading(stamp, rows, mapped)
+                yaw, variances = conversions.headings(rows, mapped)
+                if np.isnan(variances).any():
+                    self._lose("heading", "no covariance, and no sigma given")
+                else:
+                    yield HeadingFix(stamp, float(yaw[0]), float(variances[0]))
 
     def _tracks(
         self, stamp: int, rows: Any, msgtype: str, mapped: TrackTopic
@@ -410,13 +406,6 @@ class LiveInputs:
         if np.isfinite(yaw):
             yield HeadingFix(stamp, yaw, yaw_variance)
         yield from conversions.fix_heights(np.array([stamp]), heights, mapped)
-
-    def _heading(self, stamp: int, rows: Any, mapped: HeadingTopic) -> Iterator[Measurement]:
-        yaw, variances = conversions.headings(rows, mapped)
-        if np.isnan(variances).any():
-            self._lose("heading", "no covariance, and no sigma given")
-            return
-        yield HeadingFix(stamp, float(yaw[0]), float(variances[0]))
 
     def _velocity(self, stamp: int, rows: Floats, mapped: VelocityTopic) -> Iterator[Measurement]:
         """Velocity by a row, or of poses by the row before and this one."""

@@ -3,7 +3,6 @@
 import heapq
 import math
 from itertools import count, groupby
-from typing import NamedTuple
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.input_checks import Key, key_of
@@ -12,21 +11,14 @@ from icreckon.estimator.log.measurements import Measurement
 JUMP = 1.0  # step between two stamps beyond which the clock has jumped and nothing is held any more [s]
 
 
-class _Held(NamedTuple):
-    """Measurement in the heap; the number keeps equal keys in the order of arrival."""
-
-    key: Key
-    number: int
-    measurement: Measurement
-
-
 class ReorderBuffer:
     """Buffer that holds measurements for a wait [s], until older ones have come."""
 
     def __init__(self, wait: float) -> None:
         self._wait = round(wait / NANOSECOND)
         self._jump = self._wait + round(JUMP / NANOSECOND)
-        self._heap: list[_Held] = []
+        # The numbers keep equal keys in the order of arrival.
+        self._heap: list[tuple[Key, int, Measurement]] = []
         self._numbers = count()
         self._last: int | None = None
 
@@ -37,7 +29,7 @@ class ReorderBuffer:
             before, self._last = self._last, measurement.stamp
             if before is not None and abs(measurement.stamp - before) > self._jump:
                 due += self.take_all()
-            heapq.heappush(self._heap, _Held(key_of(measurement), next(self._numbers), measurement))
+            heapq.heappush(self._heap, (key_of(measurement), next(self._numbers), measurement))
         if not self._wait:
             return due + self.take_all()
         # A stamp is complete only when a later one is there.
@@ -46,7 +38,7 @@ class ReorderBuffer:
     def take_all(self, until: float = math.inf) -> list[list[Measurement]]:
         """Remove all measurements before a stamp [ns]; return a list for each stamp."""
         ready = []
-        while self._heap and self._heap[0].measurement.stamp < until:
-            ready.append(heapq.heappop(self._heap).measurement)
+        while self._heap and self._heap[0][-1].stamp < until:
+            ready.append(heapq.heappop(self._heap)[-1])
         by_stamp = groupby(ready, key=lambda measurement: measurement.stamp)
         return [list(group) for _, group in by_stamp]

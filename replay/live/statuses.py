@@ -201,9 +201,8 @@ def sensor_status(name: str, sensor: SensorHealth, new: Counts) -> DiagnosticSta
         reasons = ", ".join(sorted(new.rejected))
         return DiagnosticStatus(WARN, title, f"{share:.0%} rejected: {reasons}", values)
     if nis is not None and nis > LARGE_NIS:
-        text = f"NIS {nis:.1f} (ideal 1): noisier than the robot file says, or "
-        text += "wrong, or the robot slipped"
-        return DiagnosticStatus(WARN, title, text, values)
+        text = "noisier than the robot file says, or wrong, or the robot slipped"
+        return DiagnosticStatus(WARN, title, f"NIS {nis:.1f} (ideal 1): {text}", values)
     return DiagnosticStatus(OK, title, f"{new.used} used since the last report", values)
 
 

@@ -76,7 +76,23 @@ def check_trajectory(
                 f"option {option!r} of trajectory {name!r} cannot be {value!r}: {problem}"
             ) from None
         Bound("finite").require(f"option {option!r} of trajectory {name!r}", value, SimulationError)
-    _check_together(name, {**trajectory_options(name), **options})
+    together: dict[str, Any] = {**trajectory_options(name), **options}
+    if name in ORDERED:
+        low, high = ORDERED[name]
+        if together[low] > together[high]:
+            raise SimulationError(
+                f"trajectory {name!r}: {low} = {together[low]!r} is more than {high} = "
+                f"{together[high]!r}; give both, the smaller one as {low}"
+            )
+    if name == "random" and together["reverse"] + together["stop"] > 1.0:
+        raise SimulationError(
+            "trajectory 'random': reverse and stop are shares of all manoeuvres, together at most 1, "
+            f"found {together['reverse']!r} and {together['stop']!r}"
+        )
+    if name == "figure-eight" and together["turn"] == 0.0:
+        raise SimulationError(
+            "option 'turn' of trajectory 'figure-eight' cannot be 0.0: no circle would close"
+        )
 
 
 def make_trajectory(
@@ -115,26 +131,6 @@ def make_trajectory(
             f"{top!r} m/s of {robot.name!r}; raise that, or lower {' or '.join(speeds)}"
         )
     return command
-
-
-def _check_together(name: str, options: Mapping[str, Any]) -> None:
-    """Reject options that contradict each other."""
-    if name in ORDERED:
-        low, high = ORDERED[name]
-        if options[low] > options[high]:
-            raise SimulationError(
-                f"trajectory {name!r}: {low} = {options[low]!r} is more than {high} = "
-                f"{options[high]!r}; give both, the smaller one as {low}"
-            )
-    if name == "random" and options["reverse"] + options["stop"] > 1.0:
-        raise SimulationError(
-            "trajectory 'random': reverse and stop are shares of all manoeuvres, together at most 1, "
-            f"found {options['reverse']!r} and {options['stop']!r}"
-        )
-    if name == "figure-eight" and options["turn"] == 0.0:
-        raise SimulationError(
-            "option 'turn' of trajectory 'figure-eight' cannot be 0.0: no circle would close"
-        )
 
 
 def _maker(name: str) -> Callable[..., Recorded | Blends | Slalom]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from icreckon.estimator.base.plain_data import json_types, package_versions
 from icreckon.simulation.running.engines import Engine
-from icreckon.simulation.study.cells import Cell, Plan
+from icreckon.simulation.study.cells import Plan
 from icreckon.simulation.study.statistics import statistics
 
 FORMAT = 1
@@ -62,8 +62,17 @@ def digest(plan: Plan, engine: Engine) -> str:
         "block_runs": engine.block_runs,
         "statistics": [statistic.name for statistic in statistics(plan.study.horizons)],
         "versions": computing_versions(),
-        "cells": [_cell_content(cell) for cell in plan.cells],
-        "recordings": {str(file): _file_digest(file) for file in files},
+        # Without the cells' places in the sweep.
+        "cells": [
+            {key: part for key, part in json_types(cell).items() if key not in ("index", "values")}
+            for cell in plan.cells
+        ],
+        "recordings": {
+            str(file): hashlib.sha256(file.read_bytes()).hexdigest()
+            if file.is_file()
+            else "missing"
+            for file in files
+        },
     }
     text = json.dumps(content, sort_keys=True)
     return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
@@ -87,15 +96,6 @@ def differences(old: Plain, new: Plain, table: str = "") -> list[str]:
 def as_json(data: Any) -> str:
     """Plain data as JSON; NaN and infinity become null."""
     return json.dumps(json_types(data), indent=1, allow_nan=False) + "\n"
-
-
-def _cell_content(cell: Cell) -> Plain:
-    """Plain data of a cell without its place in the sweep."""
-    return {key: part for key, part in json_types(cell).items() if key not in ("index", "values")}
-
-
-def _file_digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "missing"
 
 
 def _short(value: Any) -> str:

@@ -22,7 +22,7 @@ from icreckon.simulation.running.store import (
     open_store,
     write_files,
 )
-from icreckon.simulation.running.workers import OpenWorkplace, given, here
+from icreckon.simulation.running.workers import opened
 from icreckon.simulation.study.cells import Plan, expand
 from icreckon.simulation.study.plan import Study
 from icreckon.simulation.study.results import Results, Runs, cell_summaries, study_results
@@ -71,11 +71,20 @@ def run_study(
     store = open_store(Path(folder), identity, shape, overwrite=overwrite)
     jobs = jobs_of(plan, chosen.block_runs)
     count = workers or os.cpu_count() or 1
-    open_workplace: OpenWorkplace = partial(here, count, threads=chosen.threads)
-    if executor is not None:
-        open_workplace = partial(given, executor, count)
-    Runner(plan, chosen, jobs, store, report).run(open_workplace)
-    return _write_results(_gathered(plan, jobs, store), identity, store)
+    open_workers = partial(opened, count, executor, threads=chosen.threads)
+    Runner(plan, chosen, jobs, store, report).run(open_workers, count)
+    from icreckon.simulation.study.tables import results_parquet, runs_parquet
+
+    gathered = _gathered(plan, jobs, store)
+    cells = cell_summaries(gathered)
+    results = study_results(gathered, identity, cells)
+    files = {
+        RESULTS_PARQUET: results_parquet(gathered, cells),
+        RUNS_PARQUET: runs_parquet(gathered),
+        RESULTS: as_json(results).encode(),
+    }
+    write_files(store.folder, files)
+    return results
 
 
 def _gathered(plan: Plan, jobs: Sequence[Job], store: BlockStore) -> Runs:
@@ -92,18 +101,3 @@ def _gathered(plan: Plan, jobs: Sequence[Job], store: BlockStore) -> Runs:
         of_block = slice(job.first_run, job.first_run + job.count)
         values[:, job.cell, of_block], reasons[:, job.cell, of_block] = block
     return Runs(plan, values, reasons)
-
-
-def _write_results(runs: Runs, identity: dict[str, object], store: BlockStore) -> Results:
-    """Write tables and results to the folder of a study; return the results."""
-    from icreckon.simulation.study.tables import results_parquet, runs_parquet
-
-    cells = cell_summaries(runs)
-    results = study_results(runs, identity, cells)
-    files = {
-        RESULTS_PARQUET: results_parquet(runs, cells),
-        RUNS_PARQUET: runs_parquet(runs),
-        RESULTS: as_json(results).encode(),
-    }
-    write_files(store.folder, files)
-    return results

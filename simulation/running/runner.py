@@ -2,7 +2,14 @@
 
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    wait,
+)
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -15,7 +22,7 @@ from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.engines import Block, Engine
 from icreckon.simulation.running.manifest import computing_versions
 from icreckon.simulation.running.store import BlockStore, Job, Reasons
-from icreckon.simulation.running.workers import OpenWorkplace, Workplace
+from icreckon.simulation.running.workers import AHEAD, OpenWorkers
 from icreckon.simulation.study.cells import Cell, Plan
 from icreckon.simulation.study.failures import RunScores, exclude_failed, unscored
 
@@ -98,27 +105,27 @@ class Runner:
         self._progress = Progress(found, len(jobs), found, runs=0, runs_left=left)
         self._lost: Counter[Job] = Counter()
 
-    def run(self, open_workplace: OpenWorkplace) -> None:
-        """Run until all blocks are finished; workers that died are opened again.
+    def run(self, open_workers: OpenWorkers, count: int) -> None:
+        """Run until all blocks are finished; `count` workers that died are opened again.
 
         Raises:
             SimulationError: a block fails, or its workers die repeatedly.
         """
         self._report(self._progress)
         while self._waiting:
-            # If workers die, all submitted blocks are queued again; the next workplace is new.
-            with open_workplace() as workplace, suppress(BrokenExecutor):
-                self._work_through(workplace)
+            # If workers die, all submitted blocks are queued again; the next workers are new.
+            with open_workers() as workers, suppress(BrokenExecutor):
+                self._work_through(workers, AHEAD * count)
 
-    def _work_through(self, workplace: Workplace) -> None:
-        """Submit and settle all blocks; if workers die, queue theirs again and raise."""
+    def _work_through(self, workers: Executor, most: int) -> None:
+        """Submit, `most` at once, and settle all blocks; if workers die, queue again, raise."""
         futures: dict[Future[Worked], Job] = {}
         try:
             while self._waiting or futures:
-                while self._waiting and len(futures) < workplace.capacity():
+                while self._waiting and len(futures) < most:
                     job = self._waiting[0]
                     block = (self._plan.cells[job.cell], job.first_run, job.count)
-                    futures[workplace.executor.submit(work, self._engine, *block)] = job
+                    futures[workers.submit(work, self._engine, *block)] = job
                     self._waiting.popleft()  # only now: `submit` raises if the workers have died
                 done, _ = wait(futures, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
                 for future in done:

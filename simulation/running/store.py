@@ -52,9 +52,7 @@ class BlockStore:
     """Store of the blocks of a study; `shape` is (filters, statistics)."""
 
     def __init__(self, folder: Path, digest: str, shape: tuple[int, int]) -> None:
-        self.folder = folder
-        self._digest = digest
-        self._shape = shape
+        self.folder, self._digest, self._shape = folder, digest, shape
 
     def path(self, job: Job) -> Path:
         """File of a block."""
@@ -77,11 +75,7 @@ class BlockStore:
         return (values, reasons) if fits and digest == self._digest else None
 
     def write(self, job: Job, values: Floats, reasons: Reasons) -> None:
-        """Write a finished block: values and reasons as from `read`.
-
-        Raises:
-            SimulationError: the file cannot be written.
-        """
+        """Write a block, as from `read`; SimulationError if it cannot be written."""
         path = self.path(job)
         content = BytesIO()
         np.savez(content, values=values, reasons=reasons, digest=np.array(self._digest))
@@ -105,8 +99,12 @@ def open_store(
         folder.parent.mkdir(parents=True, exist_ok=True)
         # Two commands may begin the same study at once.
         with alone_in(folder.parent):
-            if overwrite:
-                _remove_other_study(folder, manifest)
+            other = _read_manifest(folder)
+            if overwrite and other is not None and other["digest"] != manifest["digest"]:
+                shutil.rmtree(folder / BLOCKS, ignore_errors=True)
+                for name in _written_files(other):
+                    (folder / name).unlink(missing_ok=True)
+                _write_manifest(folder, manifest, [])
             _refuse_others(folder, manifest)
             (folder / BLOCKS).mkdir(parents=True, exist_ok=True)
             _write_manifest(folder, manifest, _written_files(_read_manifest(folder)))
@@ -152,17 +150,6 @@ def _refuse_others(folder: Path, manifest: dict[str, Any]) -> None:
         f"{folder} holds another study ({listed}{unlisted}); give another --out, or --overwrite to throw "
         "that away"
     )
-
-
-def _remove_other_study(folder: Path, manifest: dict[str, Any]) -> None:
-    """Replace another study's manifest, and delete its blocks and the files listed."""
-    other = _read_manifest(folder)
-    if other is None or other["digest"] == manifest["digest"]:
-        return
-    shutil.rmtree(folder / BLOCKS, ignore_errors=True)
-    for name in _written_files(other):
-        (folder / name).unlink(missing_ok=True)
-    _write_manifest(folder, manifest, [])
 
 
 def _write_manifest(folder: Path, manifest: dict[str, Any], files: list[str]) -> None:

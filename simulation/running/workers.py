@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
 
 from icreckon.estimator.base.worker_processes import worker_processes
 
@@ -11,35 +10,24 @@ AHEAD = 2  # blocks queued per worker: it is never idle, and little is lost if i
 THREADS = "study"
 
 
-@dataclass(frozen=True)
-class Workplace:
-    """Workers behind an executor."""
-
-    executor: Executor  # executor of the workers
-    capacity: Callable[[], int]  # returns the number of blocks to submit at a time
-
-
-# A workplace can be opened again when its workers have died.
-OpenWorkplace = Callable[[], AbstractContextManager[Workplace]]
+# Workers can be opened again when they have died.
+OpenWorkers = Callable[[], AbstractContextManager[Executor]]
 
 
 @contextmanager
-def here(workers: int, *, threads: bool) -> Iterator[Workplace]:
-    """Open workers on this machine: threads or processes."""
+def opened(workers: int, executor: Executor | None, *, threads: bool) -> Iterator[Executor]:
+    """Open threads or processes; an executor that is given is its caller's to close."""
+    if executor is not None:
+        yield executor
+        return
     if not threads:
         with worker_processes(workers) as processes:
-            yield Workplace(processes, lambda: AHEAD * workers)
+            yield processes
         return
     pool = ThreadPoolExecutor(workers, THREADS)
     try:
-        yield Workplace(pool, lambda: AHEAD * workers)
+        yield pool
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
         raise
     pool.shutdown()
-
-
-@contextmanager
-def given(executor: Executor, workers: int) -> Iterator[Workplace]:
-    """Use workers behind an executor that the caller opens and closes."""
-    yield Workplace(executor, lambda: AHEAD * workers)

@@ -89,7 +89,24 @@ class Sweep(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
             raise SimulationError("nothing is swept: give grid, cases or latin, or leave out sweep")
         msgspec.structs.force_setattr(self, "grid", grid)
         msgspec.structs.force_setattr(self, "cases", cases)
-        _refuse_shared_keys(self)
+        # No key and no axis is changed by more than one part of a sweep.
+        owners: dict[str, str] = {}
+        axes = [(key, [key]) for key in grid]
+        axes += [
+            (axis, sorted({key for changes in named.values() for key in changes}))
+            for axis, named in cases.items()
+        ]
+        axes += [(key, [key]) for key in (self.latin.ranges if self.latin else {})]
+        names = [axis for axis, _ in axes]
+        for axis, keys in axes:
+            if names.count(axis) > 1:
+                raise SimulationError(f"{axis!r} is swept twice; leave one out")
+            for key in keys:
+                if key in owners:
+                    raise SimulationError(
+                        f"{key!r} is swept twice, by {owners[key]!r} and by {axis!r}; leave one out"
+                    )
+                owners[key] = axis
 
 
 class FilterSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -120,11 +137,7 @@ class FilterSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         self.made_settings()
 
     def made_settings(self) -> Settings:
-        """Make the settings, checked.
-
-        Raises:
-            SimulationError: a misspelt key, a wrong type or a bad value.
-        """
+        """Make the settings; SimulationError for a bad key, type or value."""
         return convert(self.settings, Settings, f"settings of {self.label}", SimulationError)
 
 
@@ -254,11 +267,7 @@ def flatten(data: dict[str, Any], table: str = "") -> dict[str, Any]:
 
 
 def nest(flat: dict[str, Any]) -> dict[str, Any]:
-    """Nest dotted keys into tables.
-
-    Raises:
-        SimulationError: a dotted key is both a value and a table.
-    """
+    """Nest dotted keys into tables; SimulationError if one is both value and table."""
     data: dict[str, Any] = {}
     for path, value in flat.items():
         table, (*parents, last) = data, path.split(".")
@@ -288,27 +297,6 @@ def _check_range(key: str, found: Any) -> None:
         raise SimulationError(
             f"the range of {key!r} is logarithmic: it must lie above 0, found {low!r}"
         )
-
-
-def _refuse_shared_keys(sweep: Sweep) -> None:
-    """Reject a key or an axis that more than one part of a sweep changes."""
-    owners: dict[str, str] = {}
-    axes = [(key, [key]) for key in sweep.grid]
-    axes += [
-        (axis, sorted({key for changes in named.values() for key in changes}))
-        for axis, named in sweep.cases.items()
-    ]
-    axes += [(key, [key]) for key in (sweep.latin.ranges if sweep.latin else {})]
-    names = [axis for axis, _ in axes]
-    for axis, keys in axes:
-        if names.count(axis) > 1:
-            raise SimulationError(f"{axis!r} is swept twice; leave one out")
-        for key in keys:
-            if key in owners:
-                raise SimulationError(
-                    f"{key!r} is swept twice, by {owners[key]!r} and by {axis!r}; leave one out"
-                )
-            owners[key] = axis
 
 
 def _require_name(what: str, name: str) -> None:

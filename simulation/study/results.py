@@ -88,6 +88,7 @@ def study_results(runs: Runs, manifest: Results, cells: Sequence[list[list[Summa
     """Results of a study, ready for JSON, with its manifest and `cell_summaries`."""
     plan = runs.plan
     everything = tuple(cell.index for cell in plan.cells)
+    failures = failures_of(runs.reasons, plan.labels)
     return {
         "format": manifest["format"],
         "command": COMMAND,
@@ -102,7 +103,11 @@ def study_results(runs: Runs, manifest: Results, cells: Sequence[list[list[Summa
         "baseline": plan.study.compared_with,
         "variants": list(plan.labels),
         "statistics": [statistic._asdict() for statistic in runs.statistics],
-        "failed": _failed(runs),
+        "failed": {
+            "runs": sum(failure["runs"] for failure in failures),
+            "of": math.prod(runs.values.shape[:3]),
+            "cells": [case | {"values": plan.cells[case["cell"]].values} for case in failures],
+        },
         "alike": {
             "variants": [[plan.labels[k] for k in group] for group in alike(runs.values, 0)],
             "cells": alike(runs.values, 1),
@@ -142,16 +147,6 @@ def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
         columns = zip(means.T, paired_baseline.T, paired.T, strict=True)
         by_filter.append([summarise(mean, base, motions, pair) for mean, base, pair in columns])
     return by_filter
-
-
-def _failed(runs: Runs) -> dict[str, Any]:
-    """Failed runs: their number of all runs, with cells and reasons."""
-    failures = failures_of(runs.reasons, runs.plan.labels)
-    return {
-        "runs": sum(failure["runs"] for failure in failures),
-        "of": math.prod(runs.values.shape[:3]),
-        "cells": [case | {"values": runs.plan.cells[case["cell"]].values} for case in failures],
-    }
 
 
 def _by_variant(runs: Runs, summaries: list[list[Summary]]) -> dict[str, Any]:

@@ -130,11 +130,7 @@ def true_ticks(log: Log) -> TrueTicks:
 
 
 def run_statistics(run: Run, log: Log, horizons: Sequence[float]) -> Floats:
-    """Statistics (n,), see `statistics`, of a run that starts at the true pose.
-
-    Raises:
-        ValueError: the log has no truth with twists.
-    """
+    """Statistics (n,), in the order of `statistics`, of a run from the true pose on."""
     path, (poses, twists) = run.trajectory, truth_of(log)
     stamps = shared_stamps(path, poses)
     path_rows, twist_rows = (np.searchsorted(series.stamps, stamps) for series in (path, twists))

@@ -178,14 +178,20 @@ def _bar(*columns: ProgressColumn) -> Progress:
 
 @contextmanager
 def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Iterator[Path]:
-    """Yield an empty folder of a temporary name for results; rename it on success.
+    """Yield an empty folder for results, which gets its name on success.
+
+    Without a wanted one, it is that of a default name; or with -2, -3, ..., the first that nobody has or
+    writes.
 
     Raises:
         ReplayError: the path exists and may not be replaced.
     """
     from icreckon.report.replay.folder import PAGE_FILE, RESULTS_FILE
 
-    folder = wanted if wanted is not None else _first_free(default)
+    folder, number = wanted or Path(default), 1
+    while wanted is None and (folder.exists() or outputs.is_being_written(folder)):
+        number += 1
+        folder = Path(f"{default}-{number}")
     with outputs.written_beside(
         folder, overwrite=overwrite, marker=RESULTS_FILE, starts=(), keeps_foreign=True
     ) as new:
@@ -201,23 +207,10 @@ def check_writable(path: Path | None, first_words: str, *, overwrite: bool) -> N
 
 
 def write_file(path: Path, text: str, first_words: str, *, what: str, overwrite: bool) -> None:
-    """Write a text file in one step, and print where it is.
-
-    Raises:
-        ReplayError: the path exists and may not be replaced.
-    """
+    """Write a text file in one step (ReplayError if it may not), and print where it is."""
     with outputs.written_beside(path, overwrite=overwrite, starts=(first_words.encode(),)) as new:
         new.write_text(text, encoding="utf-8")
     say(f"{what} in {path}")
-
-
-def _first_free(default: str) -> Path:
-    """Folder of this name; or with -2, -3, ..., the first that nobody has or writes."""
-    folder, number = Path(default), 1
-    while folder.exists() or outputs.is_being_written(folder):
-        number += 1
-        folder = Path(f"{default}-{number}")
-    return folder
 
 
 def worker_count(wanted: int | None) -> int:

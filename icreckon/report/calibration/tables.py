@@ -36,7 +36,7 @@ def parameter_table(results: Results, *, narrow: bool = False) -> Table:
     rows = []
     for name, parameter in results["parameters"].items():
         note = f"; {parameter['note']}" if parameter["note"] else ""
-        in_file = "" if parameter["before"] is None else _number(parameter["before"])
+        in_file = "" if parameter["before"] is None else f"{parameter['before']:.5g}"
         if in_file and parameter["before_is_default"] and not narrow:
             in_file += " (= default)"
         cells = [
@@ -135,15 +135,11 @@ def footnotes(results: Results) -> list[str]:
 def _rounded_to_error(value: float, sigma: float | None) -> str:
     """Value, rounded to the second digit of its standard error."""
     if not value or not sigma or not math.isfinite(value * sigma):
-        return _number(value)
+        return f"{value:.5g}"
     value_power, sigma_power = (math.floor(math.log10(abs(x))) for x in (value, sigma))
     # At least all digits before the decimal point, so that "#g" writes no exponent.
     digits = max(value_power - sigma_power + 2, value_power + 1, 1)
     return f"{value:#.{digits}g}".removesuffix(".")
-
-
-def _number(value: float) -> str:
-    return f"{value:.5g}"
 
 
 def calibration_page(results: Results) -> str:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from icreckon.estimator.motion import icr
-from icreckon.estimator.robot.robot_file import ConstantIcr, Indices
+from icreckon.estimator.robot.robot_file import ConstantIcr
 from icreckon.report.drawing import drawing
 from icreckon.simulation.paper.published import published_mean_icrs, published_parameters
 from icreckon.simulation.paper.readings import chosen_motions
@@ -82,7 +82,7 @@ def _draw_icrs(path: Path, reproduced: Reproduction) -> None:
 
 
 def _draw_modelled_icrs(path: Path, reproduced: Reproduction) -> None:
-    """Draw the ICRs by our parameters (left) and by the published ones (right)."""
+    """Draw the ICRs by (25) to (30), by our parameters (left) and the published ones."""
     title = (
         "Figure 8, redrawn: track ICRs by the inertia-based model, |F| of the stationary motions"
     )
@@ -93,8 +93,14 @@ def _draw_modelled_icrs(path: Path, reproduced: Reproduction) -> None:
     with _figure(path, 14.0, 5.5, title) as figure:
         left = figure.add_subplot(1, 2, 1)
         right = figure.add_subplot(1, 2, 2, sharex=left, sharey=left)
+        mapped = reproduced.mapped
+        # NaN for straight motions.
+        force = np.where(mapped.turning, mapped.magnitude, np.nan)
         for axes, (label, parameters, constant_icrs) in zip((left, right), panels, strict=True):
-            _scatter_icrs(axes, _modelled(reproduced, parameters), reproduced)
+            x_1, x_2 = icr.symmetry_coordinates(mapped.motion.V_l, mapped.motion.V_r, parameters.H)
+            modelled = icr.indices_at_inertia(force, x_1, x_2, parameters.as_array())
+            icrs = icr.icrs_from_indices(modelled, mapped.vehicle.gauge)
+            _scatter_icrs(axes, icrs, reproduced)
             _mark_constant(axes, constant_icrs, RED, "*", "constant ICRs")
             axes.set_title(label)
         figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=4)
@@ -184,12 +190,3 @@ def _scatter_icrs(axes: Axes, icrs: icr.Icrs, reproduced: Reproduction) -> None:
 def _mark_constant(axes: Axes, icrs: ConstantIcr, colour: str, marker: str, label: str) -> None:
     x, y = [icrs.x_ICRl, icrs.x_ICRr], [icrs.y_ICR, icrs.y_ICR]
     axes.plot(x, y, marker, color=colour, ms=11, label=label)
-
-
-def _modelled(reproduced: Reproduction, parameters: Indices) -> icr.Icrs:
-    """Track ICRs by (25) to (30) at the inertia of steady motions; NaN if straight."""
-    mapped = reproduced.mapped
-    x_1, x_2 = icr.symmetry_coordinates(mapped.motion.V_l, mapped.motion.V_r, parameters.H)
-    force = np.where(mapped.turning, mapped.magnitude, np.nan)
-    modelled = icr.indices_at_inertia(force, x_1, x_2, parameters.as_array())
-    return icr.icrs_from_indices(modelled, mapped.vehicle.gauge)

@@ -25,18 +25,10 @@ ORIGIN = ("versions", "seed", "format")
 
 
 def paper_tables(results: Results, *, narrow: bool) -> Group:
-    """Numbers, Table II and verdict, for the terminal."""
-    tables = [rich_table(table) for table in all_tables(results, narrow=narrow)]
+    """Numbers, Table II and verdict, for the terminal; narrow for 80 characters."""
+    tables = [rich_table(make(results, narrow=narrow)) for make in (_numbers, _table_2)]
     sentences = (counts_text(results), origin_text(results), contradiction_text(results))
     return Group(*tables, Text("\n".join(sentences)))
-
-
-def all_tables(results: Results, *, narrow: bool = False) -> list[Table]:
-    """Tables of the results of `icreckon paper`.
-
-    To fit 80 characters, narrow tables omit the places of the numbers in the paper, and turn Table II.
-    """
-    return [_numbers(results, narrow=narrow), _table_2(results, narrow=narrow)]
 
 
 def counts_text(results: Results) -> str:
@@ -77,7 +69,7 @@ def contradiction_text(results: Results) -> str:
 
 
 def _numbers(results: Results, *, narrow: bool) -> Table:
-    """Each published number next to the reproduced one."""
+    """Each published number next to the reproduced one, with its place unless narrow."""
     rows = []
     for row in results["published"]:
         reproduced = f"{row['reproduced']:.5g}"
@@ -133,7 +125,7 @@ def paper_page(results: Results, folder: Path) -> str:
         headline=counts_text(results),
         remarks=[origin_text(results), contradiction_text(results)],
         pictures=pictures,
-        tables=all_tables(results),
+        tables=[_numbers(results, narrow=False), _table_2(results, narrow=False)],
         configuration=results["configuration"],
         origin={key: results[key] for key in ORIGIN},
     )

@@ -22,6 +22,9 @@ def many_page(results: Results) -> str:
     """Render the page as HTML, from `summarise_many` with the folder of each log."""
     robots, logs = list(results["pooled"]), {log["label"] for log in results["logs"]}
     logs_text = next(iter(logs)) if len(logs) == 1 else f"{len(logs)} logs"
+    robot_head = ["robot"] if len(robots) > 1 else []
+    # Variants of any log, in their order, each once.
+    names = list(dict.fromkeys(name for log in results["logs"] for name in log["variants"]))
     return render(
         "many.html",
         title=f"{' and '.join(robots)} on {logs_text}",
@@ -34,8 +37,8 @@ def many_page(results: Results) -> str:
         drifts=drift_picture(results),
         ratios=_ratio_tables(results),
         parts=[_robot_section(results, robot) for robot in robots],
-        head=_log_head(results),
-        logs=[_log_row(results, log) for log in results["logs"]],
+        head=["log", *robot_head, "duration, s", "distance, m", *names],
+        logs=[_log_row(results, log, names) for log in results["logs"]],
         horizon=page_text.horizon_text(horizon_of(results)),
         results=results,
         origin={key: results[key] for key in ("versions", "inputs", "format")},
@@ -92,19 +95,8 @@ def _ratio_tables(results: Results) -> list[Table]:
     return tables
 
 
-def _variant_names(results: Results) -> list[str]:
-    """Names of the variants of any log, in their order, each once."""
-    return list(dict.fromkeys(name for log in results["logs"] for name in log["variants"]))
-
-
-def _log_head(results: Results) -> list[str]:
-    """Headings of the table of logs."""
-    robot = ["robot"] if len(results["pooled"]) > 1 else []
-    return ["log", *robot, "duration, s", "distance, m", *_variant_names(results)]
-
-
-def _log_row(results: Results, log: Results) -> Named:
-    """Length of a log, and the drift of all variants in it, under `_log_head`."""
+def _log_row(results: Results, log: Results, names: list[str]) -> Named:
+    """Length of a log, and the drift of the variants `names` in it."""
     key = f"drift_percent_{horizon_of(results)}_mean"
     truth = log["truth"]
     best = page_text.lowest(log["variants"], key) if truth else None
@@ -113,7 +105,7 @@ def _log_row(results: Results, log: Results) -> Named:
     distance = Cell(number(truth["distance_m"]) if truth else "no truth")
     drifts = [
         Cell(number(log["variants"].get(name, {}).get(key)), "best" if name == best else "")
-        for name in _variant_names(results)
+        for name in names
     ]
     cells = [*robot, duration, distance, *drifts]
     return Named(folder=log["folder"], label=log["label"], cells=cells)
@@ -154,7 +146,7 @@ def drift_picture(results: Results) -> Named | None:
             variants.setdefault(name, Named(name=name, light=light, dark=on_dark(light)))
             y = top + LABEL_HEIGHT + MARK_HEIGHT * line + MARK_HEIGHT // 2
             ends = None if interval is None else tuple(map(place, interval))
-            text = f"{name}: {number(drift)} %{interval_text(interval, '95 % interval ')}"
+            text = f"{name}: {number(drift)} %{interval_text(interval)}"
             mark = Named(at=place(drift), interval=ends, y=y, variant=variants[name], text=text)
             marks.append(mark)
         y = top + LABEL_HEIGHT - 6

@@ -101,9 +101,14 @@ def _verdict(results: Results) -> str:
     """Verdict on the drift, or on the ends of the paths where no drift is scored."""
     if not results["truth"]:
         return _apart(results)
-    if results["verdict"] is None:
-        return _with_fixes_throughout(results)
-    return verdict_text(results["verdict"])
+    if results["verdict"] is not None:
+        return verdict_text(results["verdict"])
+    ends = _known(results["variants"], "final_position_error_m")
+    nothing = "Nowhere in this log is there a stretch of dead reckoning long enough to score drift"
+    if not ends:
+        return f"{nothing}."
+    best = min(ends, key=lambda name: ends[name])
+    return f"{nothing}. At its end, {best} is closest to the truth: {number(ends[best])} m off."
 
 
 def verdict_text(verdict: Results, logs: int = 1) -> str:
@@ -113,7 +118,7 @@ def verdict_text(verdict: Results, logs: int = 1) -> str:
     best, baseline = verdict["best"], verdict["baseline"]
     drifts = (
         f"{number(verdict['drift_percent'])} % of the distance {horizon_text(verdict['horizon'])} of "
-        f"dead reckoning{interval_text(verdict['drift_percent_95'], '95 % interval ')}"
+        f"dead reckoning{interval_text(verdict['drift_percent_95'])}"
     )
     if not verdict["ratios_to_best"]:
         return f"{best} drifts {drifts}. Nothing else was run to compare it with."
@@ -148,16 +153,6 @@ def _next_best(verdict: Results, short: str) -> str:
     others = [variant for variant in perhaps_equal if variant != name]
     rest = f", nor {'is' if len(others) == 1 else 'are'} {', '.join(others)}" if others else ""
     return f"But {name}, with {more}, is not shown to drift more{rest}."
-
-
-def _with_fixes_throughout(results: Results) -> str:
-    """Variant that ends closest to the truth, where no drift can be scored."""
-    ends = _known(results["variants"], "final_position_error_m")
-    nothing = "Nowhere in this log is there a stretch of dead reckoning long enough to score drift"
-    if not ends:
-        return f"{nothing}."
-    best = min(ends, key=lambda name: ends[name])
-    return f"{nothing}. At its end, {best} is closest to the truth: {number(ends[best])} m off."
 
 
 def _apart(results: Results) -> str:
@@ -353,11 +348,11 @@ def number(value: float | None) -> str:
     return f"{value:.{digits}f}".replace("-", "−")
 
 
-def interval_text(interval: list[float] | None, before: str = "") -> str:
-    """Format an interval in brackets; an empty text for None."""
+def interval_text(interval: list[float] | None) -> str:
+    """Format a 95 % interval in brackets; an empty text for None."""
     if interval is None:
         return ""
-    return f" ({before}{number(interval[0])} to {number(interval[1])})"
+    return f" (95 % interval {number(interval[0])} to {number(interval[1])})"
 
 
 def all_rejections(results: Results) -> list[str]:

@@ -82,7 +82,10 @@ def results_table(results: Results, *, narrow: int = 0) -> Group:
 
     `narrow` is the width of a terminal without room for all columns [characters]; 0 for all.
     """
-    truth = results["truth"]
+    log, truth = results["log"], results["truth"]
+    title = f"{log['name']}: {log['duration_s']:.0f} s"
+    if truth:
+        title += f", {truth['distance_m']:.0f} m, truth: {truth['source']}"
     columns: Sequence[Column] = SCORE_COLUMNS if truth else DIFFERENCE_COLUMNS
     if truth and not page_text.has_yaw_errors(results):
         columns = POSITION_COLUMNS
@@ -91,12 +94,12 @@ def results_table(results: Results, *, narrow: int = 0) -> Group:
         columns = _fitting(results, columns, narrow)
     # NEES has an ideal, and no lowest that is best; differences have no best at all.
     compared = [column.key for column in columns if truth and not column.key.startswith("nees")]
-    tables = [_table(results, _title(results), columns, compared)]
+    tables = [_table(results, title, columns, compared)]
     if page_text.is_spatial(results):
         # Its last columns, the height at the end and its sigma, are not compared.
         compared = [column.key for column in SPATIAL_COLUMNS[:3]]
         tables.append(_table(results, "Height, roll and pitch", SPATIAL_COLUMNS, compared))
-    banners = list(coarse_stamps(results["log"]["notes"]))
+    banners = list(coarse_stamps(log["notes"]))
     doubts = page_text.doubts(results)
     if doubts:
         banners.append("The robot file does not fit this log, and all figures are with it:")
@@ -159,14 +162,6 @@ def _table(
     for name in results["failed"]:
         table.add_row(name, *[Text("ERROR", style="bold red")] * len(columns))
     return table
-
-
-def _title(results: Results) -> str:
-    log, truth = results["log"], results["truth"]
-    title = f"{log['name']}: {log['duration_s']:.0f} s"
-    if truth:
-        title += f", {truth['distance_m']:.0f} m, truth: {truth['source']}"
-    return title
 
 
 def _footnotes(results: Results) -> list[str]:

@@ -138,7 +138,11 @@ def _draw_effect(
             axes.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)
         _mark_missing(axes, x, mean, colour)
         if axis["sampled"] and key == "mean":
-            _draw_cells(axes, results, axis["name"], label, statistic, colour)
+            # A dot for each cell of the Latin hypercube.
+            cells = results["cells"]
+            at = floats([cell["values"][axis["name"]] for cell in cells])
+            dots = floats([cell["variants"][label][statistic]["mean"] for cell in cells])
+            axes.plot(at, dots, ".", color=colour, ms=4, alpha=0.5)
         means.append(mean)
         highs.append(np.fmax(mean, high))
     _limit(axes, np.concatenate(means), np.concatenate(highs))
@@ -181,16 +185,6 @@ def _mark_missing(axes: Axes, places: Any, values: Any, colour: str) -> None:
     style["transform"] = axes.get_xaxis_transform()
     style["label"] = "no result" if len(missing) else None
     axes.plot(missing, np.full(len(missing), 0.03), "x", **style)
-
-
-def _draw_cells(
-    axes: Axes, results: Results, axis: str, label: str, statistic: str, colour: str
-) -> None:
-    """Draw the mean of a variant in each cell of a Latin hypercube as a dot."""
-    cells = results["cells"]
-    x = floats([cell["values"][axis] for cell in cells])
-    means = floats([cell["variants"][label][statistic]["mean"] for cell in cells])
-    axes.plot(x, means, ".", color=colour, ms=4, alpha=0.5)
 
 
 def _grid(results: Results) -> Picture:
@@ -275,20 +269,16 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
     all_means, all_lows = np.concatenate(means), np.concatenate(lows)
     # NaN is not positive.
     shown_means = [band_low, band_high, *all_means[all_means > 0.0]]
-    _scale_log_axis(axes, shown_means, all_lows[all_lows > 0.0])
-    _label_cells(axes, results)
-    axes.set_ylabel("NEES of the pose at the end [-]")
-    _add_legend(axes)
-
-
-def _scale_log_axis(axes: Axes, means: Any, lows: Any) -> None:
-    """Limit a logarithmic axis to all means, and to lower ends that do not dwarf them."""
+    # The axis has all means, and lower ends that do not dwarf them.
     axes.set_yscale("log")
-    bottom = max(0.8 * min([*means, *lows]), 0.1 * min(means))
-    axes.set_ylim(bottom, 3.0 * max(means))
+    bottom = max(0.8 * min([*shown_means, *all_lows[all_lows > 0.0]]), 0.1 * min(shown_means))
+    axes.set_ylim(bottom, 3.0 * max(shown_means))
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.yaxis.set_minor_locator(NullLocator())
+    _label_cells(axes, results)
+    axes.set_ylabel("NEES of the pose at the end [-]")
+    _add_legend(axes)
 
 
 def _label_cells(axes: Axes, results: Results) -> None:
