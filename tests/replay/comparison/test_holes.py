@@ -1,6 +1,7 @@
 """Holes of a log: named, left out of NEES, and no more uncertain after them than a robot can drive."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -44,7 +45,12 @@ def test_after_a_hole_sigmas_are_those_of_the_fastest_drive_and_the_verdict_name
         assert unknown <= yaw <= 1.5 * unknown
     results = summarise(found, ROBOT, series=False)
     assert results["log"]["holes_s"] == [pytest.approx([40.0, 75.0], abs=0.1)]
-    assert "no track speeds or IMU samples for 35.0 s; NEES is that" in headline(results)
+    ends = log.truth.poses.poses[np.searchsorted(log.truth.poses.stamps, (begin, end)), :2]
+    moved = results["log"]["moved_in_holes_m"]
+    assert moved == pytest.approx(float(np.hypot(*(ends[1] - ends[0]))), abs=0.2)
+    assert re.search(
+        r"IMU samples for 35.0 s, in which the truth moves \S+ m; NEES is that", headline(results)
+    )
     whole = [one.trajectory.stamps < begin for one in found.runs.values()]
     counted = [one["nees_poses"] for one in results["variants"].values()]
     assert all(count <= one.sum() + 1 for count, one in zip(counted, whole, strict=True))
