@@ -118,7 +118,7 @@ class Runner:
                 self._work_through(workers, AHEAD * count)
 
     def _work_through(self, workers: Executor, most: int) -> None:
-        """Submit, `most` at once, and settle all blocks; if workers die, queue again, raise."""
+        """Settle all blocks, `most` at once; if workers die, queue theirs again and raise."""
         futures: dict[Future[Worked], Job] = {}
         try:
             while self._waiting or futures:

@@ -207,7 +207,7 @@ def check_writable(path: Path | None, first_words: str, *, overwrite: bool) -> N
 
 
 def write_file(path: Path, text: str, first_words: str, *, what: str, overwrite: bool) -> None:
-    """Write a text file in one step (ReplayError if it may not), and print where it is."""
+    """Write a text file in one step, or raise a ReplayError; print where it is."""
     with outputs.written_beside(path, overwrite=overwrite, starts=(first_words.encode(),)) as new:
         new.write_text(text, encoding="utf-8")
     say(f"{what} in {path}")
