@@ -180,8 +180,7 @@ def _bar(*columns: ProgressColumn) -> Progress:
 def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Iterator[Path]:
     """Yield an empty folder for results, which gets its name on success.
 
-    Without a wanted one, it is that of a default name; or with -2, -3, ..., the first that nobody has or
-    writes.
+    Without a wanted one it has a default name; or with -2, -3, ..., the first that nobody has or writes.
 
     Raises:
         ReplayError: the path exists and may not be replaced.
