@@ -69,7 +69,8 @@ def command(
         console.write_file(
             ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite
         )
-    if any(check.problem for check in checks) or not _any_measured(checks):
+    are_unseen = all(check.measured is None for check in checks)
+    if are_unseen or any(check.problem for check in checks):
         raise typer.Exit(console.FAILED)
 
 
@@ -122,15 +123,11 @@ def _verdict(checks: list[Check], contradictions: int) -> str:
             text = "One thing contradicts"
         end = ". Is this the file of another robot?" if robot_check.is_of_another(checks) else ":"
         return f"{text} the log, worst first{end}\n"
-    if not _any_measured(checks):
-        return "Nothing could be checked: that takes track speeds and an IMU."
     unseen = sum(check.measured is None for check in checks)
+    if unseen == len(checks):
+        return "Nothing could be checked: that takes track speeds and an IMU."
     of_all = f", but it does not show {unseen} of {len(checks)} values" if unseen else ""
     return f"Nothing in the log contradicts the robot file{of_all}."
-
-
-def _any_measured(checks: list[Check]) -> bool:
-    return any(check.measured is not None for check in checks)
 
 
 def _drift(worth: Worth, *, is_wrong: bool, has_truth: bool) -> str:

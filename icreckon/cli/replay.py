@@ -1,7 +1,7 @@
 """`icreckon replay`: the filter variants over a log, or over several."""
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
@@ -152,21 +152,15 @@ def command(
                 drive.log(), drive.robot, folder, as_json=as_json, wide=wide, **drive.options
             )
         else:
-            summary = _many(_labelled(drives, files_of, robots), folder, configuration)
+            # Unique labels, which are also names of folders.
+            taken = (PAGE_FILE, RESULTS_FILE, MANIFEST)
+            of_logs = many.unique([many.label_of(log[0]) for log in files_of], taken)
+            of_robots = many.unique([many.label_of(Path(name)) for name in robots], taken)
+            cases = [many.Case(log, robot) for log, robot in product(of_logs, of_robots)]
+            summary = _many(dict(zip(cases, drives, strict=True)), folder, configuration)
             failed = many_failures(summary)
             show(folder, many_tables, summary, WIDE_FROM, as_json=as_json, wide=wide)
     exit_if_failed(failed)
-
-
-def _labelled(
-    drives: Sequence[_Drive], logs: Sequence[list[Path]], robots: Mapping[str, Robot]
-) -> dict[many.Case, _Drive]:
-    """Map unique labels, which are also names of folders, to the drives."""
-    taken = (PAGE_FILE, RESULTS_FILE, MANIFEST)
-    of_logs = many.unique([many.label_of(log[0]) for log in logs], taken)
-    of_robots = many.unique([many.label_of(Path(name)) for name in robots], taken)
-    cases = [many.Case(log, robot) for log in of_logs for robot in of_robots]
-    return dict(zip(cases, drives, strict=True))
 
 
 def _many(

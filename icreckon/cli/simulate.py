@@ -125,7 +125,18 @@ def command(
     changes["fixes"] = _given(sigma=fix_sigma, heading_sigma=fix_heading_sigma)
     if outages:
         changes["outages"] = [_outage(text) for text in outages]
-    scenario = _changed_scenario(scenario_file, [changes, *map(_setting, settings or [])])
+    # The options change a scenario first, then each --set.
+    in_turn = [changes, *map(_setting, settings or [])]
+    scenario = Scenario() if scenario_file is None else load_scenario(scenario_file)
+    source = "command line" if scenario_file is None else f"command line over {scenario_file}"
+    terrain_keys: set[str] = set()
+    for change in in_turn:
+        lost = lost_options(scenario, change)
+        scenario = change_scenario(scenario, change, source)
+        if lost:
+            say(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
+        terrain_keys |= set(change.get("terrain", {}))
+    refuse_idle_keys([scenario.terrain], terrain_keys, source)
     for text in robot_remarks(loaded, scenario.truth):
         say(text)
     log = simulate(scenario, loaded)
@@ -138,21 +149,6 @@ def command(
         f"{log.duration:.0f} s of {loaded.name} in {path}; next: "
         f"icreckon replay {shlex.quote(str(path))} --robot {shlex.quote(robot)}{part}"
     )
-
-
-def _changed_scenario(file: Path | None, changes: list[dict[str, Any]]) -> Scenario:
-    """Scenario of a file, or the default one, changed by the command line in turn."""
-    scenario = Scenario() if file is None else load_scenario(file)
-    source = "command line" if file is None else f"command line over {file}"
-    terrain_keys: set[str] = set()
-    for change in changes:
-        lost = lost_options(scenario, change)
-        scenario = change_scenario(scenario, change, source)
-        if lost:
-            say(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
-        terrain_keys |= set(change.get("terrain", {}))
-    refuse_idle_keys([scenario.terrain], terrain_keys, source)
-    return scenario
 
 
 def _given(**options: Any) -> dict[str, Any]:

@@ -55,11 +55,6 @@ class Picture(NamedTuple):
     wide: bool = False
 
 
-def _verbatim(name: str) -> Markup:
-    """Content of a style sheet or script next to the templates."""
-    return Markup(_TEMPLATES.get_source(_PAGES, name)[0])  # noqa: S704 - our own file
-
-
 def _embedded(data: Any) -> Markup:
     """JSON that cannot close its enclosing element."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False, ensure_ascii=True)
@@ -72,7 +67,9 @@ def _breakable(name: str) -> Markup:
     return Markup(re.sub(r"([._])(?=\w)", r"\1<wbr>", str(escape(name))))  # noqa: S704 - escaped
 
 
-_PAGES.globals |= {"verbatim": _verbatim, "policy": POLICY, "terms": TERMS}
+_PAGES.globals |= {"policy": POLICY, "terms": TERMS}
+# Content of a style sheet or script next to the templates, which are our own files.
+_PAGES.globals["verbatim"] = lambda name: Markup(_TEMPLATES.get_source(_PAGES, name)[0])  # noqa: S704
 # Defaults for templates: a name that is not set is an error (StrictUndefined).
 _PAGES.globals |= {"subtitle": "", "failures": (), "remarks": ()}
 _PAGES.filters |= {"term_of": term_of, "breakable": _breakable, "embedded": _embedded}

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +38,9 @@ def is_table(path: Path) -> bool:
         return False
     if path.name.lower().endswith((*CSV_SUFFIXES, ".txt")):
         return True
-    try:
+    with suppress(OSError):  # the reader reports the error
         return _is_parquet(path)
-    except OSError:
-        # The reader reports the error.
-        return False
+    return False
 
 
 def _is_parquet(path: Path) -> bool:
@@ -153,8 +152,7 @@ def _read_csv(path: Path) -> Read:
 
     table = read(skip)
     count = int(table.num_rows) + damaged
-    number = f"{damaged} of {count} rows"
-    damage = f"{number} with another number of cells than names ({first_row})"
+    damage = f"{damaged} of {count} rows with another number of cells than names ({first_row})"
     if damaged and not are_few(damaged, count):
         raise ReplayError(f"the table cannot be read: it has {damage}; correct or delete them")
     return table, {}, [f"left out {damage}"] if damaged else []

@@ -65,8 +65,7 @@ class PairedDrift:
 
     def ratio(self, name: str, other: str) -> Estimate:
         """Error of a variant over that of another, paired; NaN without a segment."""
-        numerators, denominators = (self.errors[self.names.index(key)] for key in (name, other))
-        return self._ratio(numerators, denominators)
+        return self._ratio(*(self.errors[self.names.index(key)] for key in (name, other)))
 
     def _ratio(self, numerators: Floats, denominators: Floats) -> Estimate:
         if not len(numerators) or denominators.sum() <= 0.0:

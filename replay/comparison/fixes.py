@@ -32,14 +32,9 @@ class Bound(NamedTuple):
 
 
 class LogPart(NamedTuple):
-    """A part of a log; `parse_part` makes one of a text such as "0:40%".
+    """A part of a log; `parse_part` makes one of a text such as "0:40%"."""
 
-    Attributes:
-        start: its start, as (value, is_share): seconds since the log's start, or a share of its duration.
-        end: its end.
-    """
-
-    start: Bound
+    start: Bound  # (value, is_share): seconds since the log's start, or a share of its duration
     end: Bound
 
 

@@ -63,7 +63,13 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     settings = settings or Settings()
     wander = wander_of(robot, settings)
     # Errors that wander do not average out along the path.
-    until = _stamp_after(log, max(BEGINNING, SIGMAS * math.hypot(white_sigma, wander.sigma)))
+    distance = max(BEGINNING, SIGMAS * math.hypot(white_sigma, wander.sigma))
+    # The stamp at this track distance after the first fix, or the last one.
+    stamps, speed = log.tracks.stamps, np.abs(log.tracks.speeds.mean(axis=1))
+    driven = np.concatenate([[0.0], np.cumsum(speed[1:] * np.diff(stamps) * NANOSECOND)])
+    at_fix = float(np.interp(fixes.stamps[0], stamps, driven))
+    row = int(np.searchsorted(driven, at_fix + distance))
+    until = int(stamps[min(row, len(stamps) - 1)])
     without_wander = replace_setting(settings, wander=FixWander())
     # Only the tracks and the IMU.
     beginning = replace(log.between(log.start, until), fixes=None, truth=None, others=())
@@ -110,15 +116,6 @@ def _start_by_path(
     distance = float(np.hypot(*reckoned.mean(axis=0)))
     position_sigma = wander.at_start(white_sigma) + start.yaw_sigma * distance
     return start._replace(sigma=(position_sigma, position_sigma, start.yaw_sigma))
-
-
-def _stamp_after(log: Log, distance: float) -> int:
-    """Stamp [ns] at a track distance [m] after the first fix, or the last stamp."""
-    stamps, speed = log.tracks.stamps, np.abs(log.tracks.speeds.mean(axis=1))
-    driven = np.concatenate([[0.0], np.cumsum(speed[1:] * np.diff(stamps) * NANOSECOND)])
-    at_fix = 0.0 if log.fixes is None else float(np.interp(log.fixes.stamps[0], stamps, driven))
-    row = int(np.searchsorted(driven, at_fix + distance))
-    return int(stamps[min(row, len(stamps) - 1)])
 
 
 def _first_heading(log: Log) -> tuple[float, float] | None:

@@ -26,6 +26,8 @@ from icreckon.replay.reading.read_log import read_log
 
 NEXT_PART = 5.0  # longest time between the end and the start of parts of one recording [s]
 NO_RATIO = bootstrap.Estimate(math.nan, None)
+# Results of each log that the results of several have.
+OF_LOG = ("log", "truth", "verdict", "gyro_bias", "failed", "reference_variant", "variants")
 # Drift of the variants of a log, over the same segments, by the label of the horizon.
 LogDrifts = Mapping[str, PairedDrift]
 
@@ -169,7 +171,11 @@ def summarise_many(
         "robots": {scores.case.robot: scores.results["robot"] for scores in scored},
         "horizons": list(drift_table.horizon_labels()),
         "baseline_variant": baseline,
-        "logs": [_log_row(scores) for scores in scored],
+        "logs": [
+            {"label": scores.case.log, "robot": scores.case.robot}
+            | {key: scores.results[key] for key in OF_LOG}
+            for scores in scored
+        ],
         "failed": list(failed),
         "notes": list(_consecutive(scored)),
         "pooled": {
@@ -180,13 +186,6 @@ def summarise_many(
     }
     cleaned: Results = json_types(results)
     return cleaned
-
-
-def _log_row(scored: CaseScores) -> Results:
-    """Row of "logs": labels, and the scores of the case."""
-    kept = ("log", "truth", "verdict", "gyro_bias", "failed", "reference_variant", "variants")
-    scores = {key: scored.results[key] for key in kept}
-    return {"label": scored.case.log, "robot": scored.case.robot} | scores
 
 
 def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:
@@ -293,8 +292,7 @@ def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
     for robot in other_robots:
         pairs = [(first[log], other) for log, other in of_robot[robot].items() if log in first]
         names = dict.fromkeys(name for _, other in pairs for name in other.results["variants"])
-        ratios = {name: _ratio(pairs, name) for name in names}
-        common = {name: ratio for name, ratio in ratios.items() if ratio}
+        common = {name: ratio for name in names if (ratio := _ratio(pairs, name))}
         by_robot[robot] = {"to": first_robot, "variants": common}
     return by_robot
 

@@ -15,13 +15,12 @@ from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.results import Results
 from icreckon.replay.export.formats import DEFAULT_FORMATS
 from icreckon.replay.export.geojson import write_geojson
-from icreckon.replay.export.replay_bag import write_replay_bag
+from icreckon.replay.export.replay_bag import TRUTH, write_replay_bag
 from icreckon.replay.export.tables import Format, pose_columns, run_columns, write_table
 
 ODOMETRY_FILE = "odometry.mcap"
 ROS1_FILE = "odometry.bag"
 GEOJSON_FILE = "paths.geojson"
-TRUTH = "ground_truth"
 
 
 def write_exports(

@@ -38,7 +38,7 @@ def parse_formats(text: str | None) -> tuple[str, ...]:
 
 
 def check_formats(formats: Sequence[str], log: Log) -> None:
-    """Refuse formats that need a place on the globe, which a log lacks: ReplayError."""
+    """Raise a ReplayError if a format needs a place on the globe that a log lacks."""
     if "geojson" in formats and log.origin is None:
         raise ReplayError(
             f"--formats geojson needs places on the globe, and log {log.name!r} has none: its fixes, or "

@@ -30,16 +30,15 @@ def write_geojson(path: Path, comparison: Comparison) -> Path:
     """
     log = comparison.log
     check_formats(("geojson",), log)
-    origin = log.origin
-    assert origin is not None  # noqa: S101 - checked above
+    assert log.origin is not None  # noqa: S101 - checked above
     features = [
-        _line_feature(name, run.trajectory.pose_series, origin, colour_of(name))
+        _line_feature(name, run.trajectory.pose_series, log.origin, colour_of(name))
         for name, run in comparison.runs.items()
     ]
     if log.truth is not None:
-        features.append(_line_feature("ground_truth", log.truth.poses, origin, TRUTH_COLOUR))
+        features.append(_line_feature("ground_truth", log.truth.poses, log.origin, TRUTH_COLOUR))
     if log.fixes is not None and len(log.fixes.stamps):
-        points = _coordinates(log.fixes.poses[:, :2], origin)
+        points = _coordinates(log.fixes.poses[:, :2], log.origin)
         properties = {"name": "fixes", "marker-color": FIX_COLOUR}
         features.append(_feature("MultiPoint", points, properties))
     text = json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)

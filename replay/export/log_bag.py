@@ -87,7 +87,7 @@ def write_log(
 
 
 def check_place(path: Path, format: Format, robot: Robot, *, overwrite: bool = False) -> None:  # noqa: A002
-    """Refuse what `write_log` would, a mapping or place, before a long run: ReplayError."""
+    """Refuse a mapping or place that `write_log` would refuse, before a long run."""
     topic_map(robot)
     check_replaceable(bag_path(path, format), overwrite=overwrite, mark=MARK.encode())
 
@@ -112,7 +112,7 @@ def _text_message(topic: str, stamps: Stamps, text: str) -> Outbox:
 def _joint_states(
     topic: str, tracks: series.TrackSpeedSeries, mapped: TrackKeys, sprocket_radius: float
 ) -> Outbox:
-    """Track speeds over the radius [m] as sensor_msgs/JointState, all joints of a side."""
+    """Track speeds over the radius [m] as sensor_msgs/JointState, joint by joint."""
     names = list(mapped.names)
     columns = [0] * len(mapped.left) + [1] * len(mapped.right)
 

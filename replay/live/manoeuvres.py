@@ -38,8 +38,7 @@ def missing_manoeuvres(
     sigma_of = dict(zip(names, sigmas, strict=False))
     states_of: dict[str, list[str]] = {}
     for need in NEEDS:
-        is_possible = fixes or not need.fixes
-        if is_possible and sigma_of.get(need.state, 0.0) > need.enough:
+        if (fixes or not need.fixes) and sigma_of.get(need.state, 0.0) > need.enough:
             text = f"{need.state} ± {sigma_of[need.state]:.2g}{need.unit}"
             states_of.setdefault(need.manoeuvre, []).append(text)
     return [f"{manoeuvre} ({', '.join(states)})" for manoeuvre, states in states_of.items()]

@@ -173,8 +173,7 @@ class LiveOdometry:
         """
         measurements = self.inputs.take(subscription, msgtype, message, arrival, steady)
         estimates: list[LiveEstimate] = []
-        clock_step = self.inputs.clock_step
-        if clock_step:
+        if clock_step := self.inputs.clock_step:
             # Measurements in the buffer have stamps from before the step: they go first.
             estimates.extend(self._estimates(self._buffer.take_all()))
             self.odom.set_clock(clock_step)
@@ -242,8 +241,7 @@ class LiveOdometry:
         robot, variant, settings, saved = self.robot, self._variant, self._settings, self._saved
         # `inputs` takes off the latencies of the robot file; that of the tracks is watched, and estimated
         # where the file gives none.
-        given = "latency" in robot.log.get("tracks", {})
-        latencies = Latencies(estimate_tracks=not given)
+        latencies = Latencies(estimate_tracks="latency" not in robot.log.get("tracks", {}))
         cold = PoseEstimator(robot, variant, settings=settings, latencies=latencies)
         self.warm = saved is not None and saved.exists()
         if saved is None or not self.warm:

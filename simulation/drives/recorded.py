@@ -108,22 +108,23 @@ def read_recording(path: Path) -> TrackSpeedSeries:
         if names.count(column) > 1:
             raise SimulationError(f"{path}: has {names.count(column)} columns {column!r}; keep one")
     places = [names.index(column) for column in COLUMNS]
-    table = np.array(
-        [_numbers(row, places, f"{path}: row {number}") for number, row in enumerate(rows[1:], 1)]
-    ).reshape(-1, len(COLUMNS))
+    numbers = []
+    for number, row in enumerate(rows[1:], 1):
+        where = f"{path}: row {number}"
+        try:
+            numbers.append([float(row[place]) for place in places])
+        except IndexError:
+            raise SimulationError(
+                f"{where} has {len(row)} cells, fewer than the first line"
+            ) from None
+        except ValueError as problem:
+            raise SimulationError(
+                f"{where}: {problem}; t, left and right must be numbers"
+            ) from None
+    table = np.array(numbers).reshape(-1, len(COLUMNS))
     _check_samples(table[:, 0], table[:, 1:], str(path))
     stamps = np.rint((table[:, 0] - table[0, 0]) / NANOSECOND).astype(np.int64)
     return TrackSpeedSeries(stamps, table[:, 1:])
-
-
-def _numbers(row: list[str], places: list[int], where: str) -> list[float]:
-    """Numbers of a row in the order of `COLUMNS`; `where` names the row in messages."""
-    try:
-        return [float(row[place]) for place in places]
-    except IndexError:
-        raise SimulationError(f"{where} has {len(row)} cells, fewer than the first line") from None
-    except ValueError as problem:
-        raise SimulationError(f"{where}: {problem}; t, left and right must be numbers") from None
 
 
 def _check_samples(times: Floats, speeds: Floats, source: str) -> None:

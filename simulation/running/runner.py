@@ -2,14 +2,7 @@
 
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    wait,
-)
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -115,17 +108,17 @@ class Runner:
         while self._waiting:
             # If workers die, all submitted blocks are queued again; the next workers are new.
             with open_workers() as workers, suppress(BrokenExecutor):
-                self._work_through(workers, AHEAD * count)
+                self._work_through(workers.submit, AHEAD * count)
 
-    def _work_through(self, workers: Executor, most: int) -> None:
-        """Submit, `most` at once, and settle all blocks; if workers die, queue again, raise."""
+    def _work_through(self, submit: Callable[..., Future[Worked]], most: int) -> None:
+        """Settle all blocks, `most` at once; if workers die, queue theirs again and raise."""
         futures: dict[Future[Worked], Job] = {}
         try:
             while self._waiting or futures:
                 while self._waiting and len(futures) < most:
                     job = self._waiting[0]
                     block = (self._plan.cells[job.cell], job.first_run, job.count)
-                    futures[workers.submit(work, self._engine, *block)] = job
+                    futures[submit(work, self._engine, *block)] = job
                     self._waiting.popleft()  # only now: `submit` raises if the workers have died
                 done, _ = wait(futures, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
                 for future in done:

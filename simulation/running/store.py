@@ -116,10 +116,8 @@ def open_store(
 def write_files(folder: Path, files: dict[str, bytes]) -> None:
     """Write files (name -> content) to the folder of a study, each atomically.
 
-    The manifest lists them, so that `--overwrite` deletes these files alone.
-
-    Raises:
-        SimulationError: the folder cannot be written.
+    The manifest lists them, so that `--overwrite` deletes these files alone. SimulationError if the
+    folder cannot be written.
     """
     manifest = _read_manifest(folder) or {}
     try:

@@ -53,7 +53,22 @@ class LatinHypercube(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         if not ranges:
             raise SimulationError("a latin hypercube needs ranges; give at least one key")
         for key, found in ranges.items():
-            _check_range(key, found)
+            wanted = f"the range of {key!r} must be [lowest, highest] or [lowest, highest, scale]"
+            if not isinstance(found, list | tuple) or len(found) not in (2, 3):
+                raise SimulationError(f"{wanted}, found {found!r}")
+            low, high, *scales = found
+            if not (is_finite(low) and is_finite(high) and low < high):
+                raise SimulationError(
+                    f"{wanted}, numbers of which the second is larger, found {found!r}"
+                )
+            (scale,) = scales or ["linear"]
+            if scale not in SCALES:
+                hint = nearest_hint(str(scale), [*SCALES])
+                raise SimulationError(f"{key!r} has no scale {scale!r}{hint}")
+            if scale == "log" and not low > 0.0:
+                raise SimulationError(
+                    f"the range of {key!r} is logarithmic: it must lie above 0, found {low!r}"
+                )
         msgspec.structs.force_setattr(self, "ranges", ranges)
 
 
@@ -279,24 +294,6 @@ def nest(flat: dict[str, Any]) -> dict[str, Any]:
             raise SimulationError(f"{path!r} is a table, and no value, elsewhere")
         table[last] = value
     return data
-
-
-def _check_range(key: str, found: Any) -> None:
-    """Reject a range that is not (lowest, highest) or (lowest, highest, scale)."""
-    wanted = f"the range of {key!r} must be [lowest, highest] or [lowest, highest, scale]"
-    if not isinstance(found, list | tuple) or len(found) not in (2, 3):
-        raise SimulationError(f"{wanted}, found {found!r}")
-    low, high, *scales = found
-    if not (is_finite(low) and is_finite(high) and low < high):
-        raise SimulationError(f"{wanted}, numbers of which the second is larger, found {found!r}")
-    (scale,) = scales or ["linear"]
-    if scale not in SCALES:
-        hint = nearest_hint(str(scale), [*SCALES])
-        raise SimulationError(f"{key!r} has no scale {scale!r}{hint}")
-    if scale == "log" and not low > 0.0:
-        raise SimulationError(
-            f"the range of {key!r} is logarithmic: it must lie above 0, found {low!r}"
-        )
 
 
 def _require_name(what: str, name: str) -> None:

@@ -186,10 +186,8 @@ def _typical(runs: Runs) -> dict[str, Any]:
         means = [float(drifts.mean()) for drifts in finite_drifts if len(drifts)]
         by_label[label] = {"median_percent": float(np.median(means)) if means else np.nan}
         for name, found in (("ratio", ratios), ("end_ratio", end_ratios)):
-            ends = ("", "_low", "_high")
-            by_label[label] |= {
-                f"{name}{end}": value for end, value in zip(ends, found[number], strict=True)
-            }
+            ends = (name, f"{name}_low", f"{name}_high")
+            by_label[label] |= zip(ends, found[number], strict=True)
     return by_label
 
 
@@ -241,9 +239,8 @@ def _final_errors(runs: Runs) -> list[dict[str, Any]]:
             if len(errors):
                 exact = np.percentile(errors, PERCENTILES).tolist()
                 percentiles[label] = [float(f"{value:.{SHOWN_DIGITS}g}") for value in exact]
-        distributions.append(
-            {"axis": axis_name, "group": group["name"], "percentiles": percentiles}
-        )
+        place = {"axis": axis_name, "group": group["name"]}
+        distributions.append(place | {"percentiles": percentiles})
     return distributions
 
 

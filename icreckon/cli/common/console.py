@@ -180,8 +180,7 @@ def _bar(*columns: ProgressColumn) -> Progress:
 def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Iterator[Path]:
     """Yield an empty folder for results, which gets its name on success.
 
-    Without a wanted one, it is that of a default name; or with -2, -3, ..., the first that nobody has or
-    writes.
+    Without a wanted one it has a default name; or with -2, -3, ..., the first that nobody has or writes.
 
     Raises:
         ReplayError: the path exists and may not be replaced.
@@ -207,7 +206,7 @@ def check_writable(path: Path | None, first_words: str, *, overwrite: bool) -> N
 
 
 def write_file(path: Path, text: str, first_words: str, *, what: str, overwrite: bool) -> None:
-    """Write a text file in one step (ReplayError if it may not), and print where it is."""
+    """Write a text file in one step, or raise a ReplayError; print where it is."""
     with outputs.written_beside(path, overwrite=overwrite, starts=(first_words.encode(),)) as new:
         new.write_text(text, encoding="utf-8")
     say(f"{what} in {path}")

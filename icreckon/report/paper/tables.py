@@ -75,8 +75,7 @@ def _numbers(results: Results, *, narrow: bool) -> Table:
         reproduced = f"{row['reproduced']:.5g}"
         difference = f"{row['difference_percent']:+.1f}"
         is_equal = "yes" if row["rounds_to_published"] else ""
-        texts = (row["printed"], reproduced, difference, row["unit"], is_equal)
-        cells = list(map(Cell, texts))
+        cells = list(map(Cell, (row["printed"], reproduced, difference, row["unit"], is_equal)))
         if not narrow:
             cells.append(Cell(row["where"], "wrap"))
         rows.append((row["name"], cells))

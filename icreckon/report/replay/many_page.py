@@ -117,11 +117,17 @@ def drift_picture(results: Results) -> Named | None:
     Places along the axis are in %, heights in px; ticks are places and texts.
     """
     horizon = horizon_of(results)
-    row_drifts = [
-        (heading, is_pooled, drifts)
-        for heading, is_pooled, variants in _picture_rows(results)
-        if (drifts := _drifts(variants, horizon))
-    ]
+    key = f"drift_percent_{horizon}"
+    row_drifts = []
+    for heading, is_pooled, scores_of in _picture_rows(results):
+        # Drift of each filter that has one, with its interval [%].
+        drifts: dict[str, tuple[float, list[float] | None]] = {
+            name: (scores[f"{key}_mean"], scores[f"{key}_95"])
+            for name, scores in page_text.filtered({"variants": scores_of}).items()
+            if scores.get(f"{key}_mean")
+        }
+        if drifts:
+            row_drifts.append((heading, is_pooled, drifts))
     if not row_drifts:
         return None
     edges = [
@@ -167,18 +173,6 @@ def _picture_rows(results: Results) -> Iterator[tuple[str, bool, Mapping[str, An
     for log in logs:
         heading = f"{log['label']}, {log['robot']}" if several else log["label"]
         yield heading, False, log["variants"]
-
-
-def _drifts(
-    variants: Mapping[str, Any], horizon: str
-) -> dict[str, tuple[float, list[float] | None]]:
-    """Drift of each filter that has one, with its interval [%]."""
-    key = f"drift_percent_{horizon}"
-    return {
-        name: (scores[f"{key}_mean"], scores[f"{key}_95"])
-        for name, scores in page_text.filtered({"variants": variants}).items()
-        if scores.get(f"{key}_mean")
-    }
 
 
 def _ticks(low: float, high: float) -> list[float]:

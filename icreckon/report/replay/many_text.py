@@ -84,8 +84,7 @@ def _ratio_text(results: Results, robot: str) -> str:
 def horizon_of(results: Results) -> str:
     """Horizon of the first verdict, as "30s", for figures of one horizon."""
     verdicts = [pooled["verdict"] for pooled in results["pooled"].values()]
-    horizons = [str(verdict["horizon"]) for verdict in verdicts if verdict]
-    return horizons[0] if horizons else USUAL_HORIZON
+    return next((str(verdict["horizon"]) for verdict in verdicts if verdict), USUAL_HORIZON)
 
 
 def many_failures(results: Results) -> list[str]:

@@ -78,9 +78,8 @@ INNOVATION_TITLES = {
 def page_data(results: Results) -> Results:
     """Input of the page's scripts: series with styles, columns, charts, the drive."""
     columns = _columns(results)
-    charts = [*_error_charts(results, columns), *_motion_charts(results, columns)]
-    charts += [*_input_charts(results, columns), *_icr_charts(results, columns)]
-    charts += [*_parameter_charts(results, columns), *_innovation_charts(results, columns)]
+    makers = (_error_charts, _motion_charts, _input_charts, _icr_charts, _parameter_charts)
+    charts = [chart for make in (*makers, _innovation_charts) for chart in make(results, columns)]
     drive = drive_data(results, columns)
     items = [item for chart in charts for key in ("lines", "bands") for item in chart.get(key, [])]
     time_columns = dict.fromkeys(["t", *(item["x"] for item in items)])

@@ -277,9 +277,8 @@ def arm_text(results: Results) -> str:
 
 def doubts(results: Results) -> list[str]:
     """Contradictions of the log to the robot file: notes with a prefix of their own."""
-    log_notes = results["log"]["notes"]
-    doubts_of_log = (note for note in log_notes if note.startswith(OF_ROBOT_FILE))
-    return [note.removeprefix(OF_ROBOT_FILE) for note in doubts_of_log]
+    found = results["log"]["notes"]
+    return [note.removeprefix(OF_ROBOT_FILE) for note in found if note.startswith(OF_ROBOT_FILE)]
 
 
 def notes(results: Results) -> list[str]:

@@ -136,7 +136,12 @@ def _draw_effect(
         else:
             axes.plot(x, mean, lw=1.5, label=label, **style)
             axes.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)
-        _mark_missing(axes, x, mean, colour)
+        # A cross at the lower edge marks a place without a result.
+        missing = x[~np.isfinite(mean)]
+        crosses: Any = {"color": colour, "ms": 9, "mew": 2.5, "clip_on": False}
+        crosses["transform"] = axes.get_xaxis_transform()
+        crosses["label"] = "no result" if len(missing) else None
+        axes.plot(missing, np.full(len(missing), 0.03), "x", **crosses)
         if axis["sampled"] and key == "mean":
             # A dot for each cell of the Latin hypercube.
             cells = results["cells"]
@@ -176,15 +181,6 @@ def _add_legend(axes: Axes) -> None:
     """Draw the legend above the axes, where it hides no line."""
     handles, labels = axes.get_legend_handles_labels()
     axes.figure.legend(handles, labels, loc="outside upper center", ncols=4)
-
-
-def _mark_missing(axes: Axes, places: Any, values: Any, colour: str) -> None:
-    """Mark places without a result with a cross at the lower edge."""
-    missing = places[~np.isfinite(values)]
-    style: Any = {"color": colour, "ms": 9, "mew": 2.5, "clip_on": False}
-    style["transform"] = axes.get_xaxis_transform()
-    style["label"] = "no result" if len(missing) else None
-    axes.plot(missing, np.full(len(missing), 0.03), "x", **style)
 
 
 def _grid(results: Results) -> Picture:

@@ -295,8 +295,7 @@ def _variant_texts(results: Results, place: _Place, label: str, narrow: bool) ->
     ratio = "1" if label == results["baseline"] else with_interval(drift, "ratio")
     errors = [_number(final_error[key]) for key in (("median",) if narrow else ("median", "p95"))]
     nees_text = _number(nees["mean"]) if narrow else _with_interval(nees, "mean")
-    is_large = is_finite(nees["mean"]) and nees["mean"] >= MUCH_NEES
-    if is_large:
+    if is_finite(nees["mean"]) and nees["mean"] >= MUCH_NEES:
         nees_text += f" {MARK}"
     return [name, with_interval(drift, "mean"), ratio, *errors, nees_text]
 
