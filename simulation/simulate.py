@@ -21,6 +21,8 @@ from icreckon.simulation.sensors.fixes import measured_pose_times, with_fix_erro
 from icreckon.simulation.sensors.imu import Imu, perfect_readings, with_inertial_errors
 from icreckon.simulation.truth.true_motion import TrueMotion
 
+LONGEST_STAND = 60.0  # standing after a recording that needs no warning [s]
+
 
 @dataclass(frozen=True)
 class Simulation:
@@ -120,7 +122,7 @@ def drive(
         recording = read_recording(Path(scenario.trajectory_file))
     if recording is not None and len(recording.stamps):
         lasts = float(recording.stamps[-1] - recording.stamps[0]) * NANOSECOND + STANDSTILL
-        if not 0.9 < lasts / duration < 1.1:
+        if lasts > 1.1 * duration or lasts < duration - LONGEST_STAND:
             rest = "its rest is not driven" if lasts > duration else "then the robot stands"
             warnings.warn(
                 f"the recording ends after {lasts:.1f} s, the run after {duration:g} s: {rest}; set "

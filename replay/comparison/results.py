@@ -133,7 +133,7 @@ def write_results(path: Path, results: Results) -> None:
 
 
 def _moved_in(holes: Sequence[Interval], truth: Truth | None) -> float | None:
-    """Distance between the true places at the ends of all holes [m], None without a truth."""
+    """Distance of the truth from begin to end of all holes [m]; None without one."""
     if truth is None:
         return None
     known, ends = truth.poses.stamps, np.array(holes, dtype=np.int64).reshape(-1, 2)

@@ -469,11 +469,9 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
     rate = estimates.vertical
     if log.imu is not None and rate is not None and turn_apart(log.tracks, log.imu, rate):
         side = imu_mounting.backward_side(log.tracks, log.imu, rate)
-        known = "another robot's topic, or another time's?"
-        known = (
-            known if side is None else f"the {side} side counts backward, a minus before its names?"
-        )
-        yield f"tracks: they turn, and the gyro turns, but not together: {known}"
+        backward = f"the {side} side counts backward, a minus before its names?"
+        cause = backward if side else "another robot's topic, or another time's?"
+        yield f"tracks: they turn, and the gyro turns, but not together: {cause}"
     if mounting is not None and (mount := estimates.imu_mount) is not None:
         contradiction = static_frames.contradiction(mounting, mount)
         yield from [contradiction] if contradiction else []

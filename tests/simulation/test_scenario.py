@@ -261,6 +261,8 @@ def test_a_recorded_drive_from_a_file_beside_the_scenario_and_from_memory(tmp_pa
     assert changed(log, simulate(bare, ALPHA, recording=recording)) == set()
     with pytest.warns(UserWarning, match="the recording ends after 8.0 s, the run after 7 s"):
         simulate(msgspec.structs.replace(scenario, duration=7.0), ALPHA)
+    with pytest.warns(UserWarning, match="after 70 s: then the robot stands"):
+        simulate(msgspec.structs.replace(scenario, duration=70.0), ALPHA)
     with pytest.raises(SimulationError, match="two recordings to drive"):
         simulate(scenario, ALPHA, recording=recording)
     with pytest.raises(SimulationError, match="set trajectory = 'recorded'"):

@@ -157,7 +157,9 @@ def test_bad_options_are_refused_in_one_line(name, options, message):
 
 
 def test_too_fast_is_refused_with_what_to_lower():
-    with pytest.raises(SimulationError, match=r"'circle' reaches 1.2 m/s.*; lower speed or turn"):
+    with pytest.raises(
+        SimulationError, match=r"reaches 1.2 m/s.*; raise that, or lower speed or turn"
+    ):
         make_trajectory("circle", 10.0, ALPHA, None, {"speed": 0.8, "turn": 0.4})
 
 
