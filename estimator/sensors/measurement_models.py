@@ -23,7 +23,7 @@ from icreckon.estimator.log.measurements import (
     PositionFix,
     ZeroVelocity,
 )
-from icreckon.estimator.sensors.predictions import Prediction
+from icreckon.estimator.sensors.predictions import Prediction as Prediction  # for sensors of others
 
 # Gates have thresholds for up to this many components (`icreckon.estimator.filter.gate.CHI_SQUARE_1E4`).
 MOST_COMPONENTS = 3

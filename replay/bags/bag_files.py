@@ -279,8 +279,10 @@ def _file_sets(path: Path, unpacked: list[Path]) -> list[list[Path]]:
                 "are one log)"
             )
         if not files:
+            bags = ", ".join(sorted(one.parent.name for one in path.glob("*/metadata.yaml")))
+            several = f"; there are bags in it, to be given one by one: {bags}" if bags else ""
             raise ReplayError(
-                f"{path}: not a log: the folder holds no .mcap, .db3 or .bag file and no table"
+                f"{path}: not a log: the folder holds no .mcap, .db3 or .bag file and no table{several}"
             )
         for file in files:
             _check_is_bag(file)

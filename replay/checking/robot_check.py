@@ -26,6 +26,7 @@ STREAMS = {
 SLIGHT = 1.2  # factor of the scale up to which the wheels can be the right ones [-]
 # In this order: each needs what those before it have corrected.
 CHECKS = (
+    track_checks.check_source,
     imu_checks.check_presence,
     imu_checks.check_gravity,
     imu_checks.check_mounting,

@@ -556,3 +556,14 @@ def test_a_unit_of_the_tracks_is_found_without_a_truth(log, factor, unit) -> Non
     (check,) = [one for one in check_robot(bare, fast) if one.problem]
     assert "no slip explains" in check.problem
     assert f"in {unit}?" in check.remedy
+
+
+def test_track_speeds_of_commands_are_named(log) -> None:
+    def source(topic: str) -> list[Check]:
+        robot = with_values(ALPHA, log={"tracks": {"topic": topic}})
+        return [one for one in check_robot(log, robot) if one.name == "source of the track speeds"]
+
+    (found,) = source("/cmd_vel")
+    assert not found.problem
+    assert "a robot that stalls" in found.in_log
+    assert source("/odom") == []
