@@ -4,10 +4,15 @@ from typing import Any
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import Floats, Indexes
 
 BLOCKS = 8  # blocks of a log that are left out in turn for a standard error (jackknife)
 BEYOND = 2.36  # standard errors of `BLOCKS` blocks in half a 95 % interval (Student's t)
+
+
+def without_blocks(rows: Indexes) -> list[Indexes]:
+    """Rows (n,) without each of `BLOCKS` blocks of them, for `jackknife_sigma`."""
+    return [np.delete(rows, block) for block in np.array_split(np.arange(len(rows)), BLOCKS)]
 
 
 def jackknife_sigma(without: Floats) -> Floats:

@@ -14,8 +14,8 @@ from icreckon.estimator.log.series import PoseSeries
 
 A_SIGMA = Bound("a positive number [m/s]", 0.0, beyond=True)
 # Time between two poses whose motion is a velocity: errors of poses and stamps count less in a longer
-# one, changes of the velocity more [s].
-LEAST, LONGEST = 0.08, 0.5
+# one, changes of the velocity more [ns].
+LEAST, LONGEST = round(0.08 / NANOSECOND), round(0.5 / NANOSECOND)
 
 
 def body_velocities(
@@ -40,7 +40,7 @@ def body_velocities(
     series = odometry.rows(_apart(odometry.stamps))
     stamps, times = series.stamps, np.diff(series.stamps)
     twists = _twists(series.poses, times * NANOSECOND)
-    is_used = times * NANOSECOND <= LONGEST
+    is_used = times <= LONGEST
     middles = stamps[:-1] + times // 2
     return of_twists(middles[is_used], twists[is_used], sigma, position, yaw)
 
@@ -48,11 +48,11 @@ def body_velocities(
 def _apart(stamps: Stamps) -> list[int]:
     """Rows of stamps (n,) [ns] at least `LEAST` after the one before."""
     rows: list[int] = []
-    next_stamp = -math.inf
+    next_stamp: float = -math.inf
     for row, stamp in enumerate(stamps.tolist()):
         if stamp >= next_stamp:
             rows.append(row)
-            next_stamp = stamp + LEAST / NANOSECOND
+            next_stamp = stamp + LEAST
     return rows
 
 

@@ -46,7 +46,9 @@ def command(
     with console.progress(f"reading {source_name(paths)}") as report:
         log = read_log(paths, robot, definitions=definitions, progress=report)
         guessed = guess_mapping(paths, definitions=definitions)
-    log = replace(log, notes=(*log.notes, *robot_check.far_centre(robot)))
+    log = replace(
+        log, notes=(*log.notes, *robot_check.commanded(robot), *robot_check.far_centre(robot))
+    )
     checks = robot_check.check_robot(log, robot)
     worth = None
     if len(log.tracks.stamps) and log.imu is not None:

@@ -125,18 +125,7 @@ def command(
     changes["fixes"] = _given(sigma=fix_sigma, heading_sigma=fix_heading_sigma)
     if outages:
         changes["outages"] = [_outage(text) for text in outages]
-    # The options change a scenario first, then each --set.
-    in_turn = [changes, *map(_setting, settings or [])]
-    scenario = Scenario() if scenario_file is None else load_scenario(scenario_file)
-    source = "command line" if scenario_file is None else f"command line over {scenario_file}"
-    terrain_keys: set[str] = set()
-    for change in in_turn:
-        lost = lost_options(scenario, change)
-        scenario = change_scenario(scenario, change, source)
-        if lost:
-            say(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
-        terrain_keys |= set(change.get("terrain", {}))
-    refuse_idle_keys([scenario.terrain], terrain_keys, source)
+    scenario = _changed_scenario(scenario_file, [changes, *map(_setting, settings or [])])
     for text in robot_remarks(loaded, scenario.truth):
         say(text)
     log = simulate(scenario, loaded)
@@ -151,6 +140,21 @@ def command(
     )
 
 
+def _changed_scenario(file: Path | None, changes: list[dict[str, Any]]) -> Scenario:
+    """Scenario of a file, or the default one, changed by the command line in turn."""
+    scenario = Scenario() if file is None else load_scenario(file)
+    source = "command line" if file is None else f"command line over {file}"
+    terrain_keys: set[str] = set()
+    for change in changes:
+        lost = lost_options(scenario, change)
+        scenario = change_scenario(scenario, change, source)
+        if lost:
+            say(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
+        terrain_keys |= set(change.get("terrain", {}))
+    refuse_idle_keys([scenario.terrain], terrain_keys, source)
+    return scenario
+
+
 def _given(**options: Any) -> dict[str, Any]:
     """Options of the command line that were given; the others are None."""
     return {name: value for name, value in options.items() if value is not None}
@@ -161,16 +165,20 @@ def _setting(text: str) -> dict[str, Any]:
     path, equals, written = text.partition("=")
     if not equals or not path.strip():
         raise SimulationError(f"--set {text!r}: give key and value, as gyro.noise_density=0.001")
-    # A value as in TOML, else a number that TOML refuses (as .5), else the text itself.
-    value: Any = written.strip()
-    try:
-        value = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        with suppress(ValueError):
-            value = float(value)
+    value = _value(written.strip())
     for key in reversed(path.split(".")):
         value = {key.strip(): value}
     return cast("dict[str, Any]", value)
+
+
+def _value(written: str) -> Any:
+    """Value as in TOML, else a number that TOML refuses (as .5), else the text itself."""
+    with suppress(tomllib.TOMLDecodeError):
+        return tomllib.loads(f"value = {written}")["value"]
+    try:
+        return float(written)
+    except ValueError:
+        return written
 
 
 def _outage(text: str) -> list[float]:

@@ -112,9 +112,12 @@ def _typestore(msgtype: str, known: MessageDefinition, definitions: Definitions 
     if known.format == MessageDefinitionFormat.NONE:
         store = get_typestore(Stores.ROS2_HUMBLE)
         for name, text in definitions:
-            # A file outside of its package's folder has the right name, and another package.
-            is_wanted = name.rpartition("/")[2] == msgtype.rpartition("/")[2]
-            types.update(get_types_from_msg(text, msgtype if is_wanted else name))
+            types.update(get_types_from_msg(text, name))
+        # A file outside of its package's folder has the right name, and another package.
+        kind = msgtype.rpartition("/")[2]
+        alike = [text for name, text in definitions if name.rpartition("/")[2] == kind]
+        if msgtype not in types and len(alike) == 1:
+            types.update(get_types_from_msg(alike[0], msgtype))
         store.register({name: kind for name, kind in types.items() if name not in store.fielddefs})
         return store
     if known.format == MessageDefinitionFormat.MSG:

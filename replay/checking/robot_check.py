@@ -13,6 +13,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, changed_robot
 from icreckon.replay.checking import fix_checks, imu_checks, track_checks, velocity_checks
 from icreckon.replay.checking.check import FORWARD, MOUNTING, SCALE, TRACK, Check, corrected
+from icreckon.replay.inspection.guess_topics import is_command
 from icreckon.replay.mapping.topics import TopicMap, topic_map, with_column_keys
 from icreckon.replay.reading.gather import left_out
 
@@ -26,7 +27,6 @@ STREAMS = {
 SLIGHT = 1.2  # factor of the scale up to which the wheels can be the right ones [-]
 # In this order: each needs what those before it have corrected.
 CHECKS = (
-    track_checks.check_source,
     imu_checks.check_presence,
     imu_checks.check_gravity,
     imu_checks.check_mounting,
@@ -60,6 +60,17 @@ def check_robot(log: Log, robot: Robot) -> list[Check]:
             checks.append(replace(check, remedy=with_column_keys(check.remedy, robot)))
             log, robot = corrected(log, robot, [check])
     return checks
+
+
+def commanded(robot: Robot) -> list[str]:
+    """Note on track speeds that are commands by the name of their topic, or nothing."""
+    tracks = topic_map(robot).tracks
+    if tracks is None or not is_command(tracks.topic):
+        return []
+    return [
+        f"the track speeds are those of {tracks.topic}, commands by its name: a robot that stalls, or is "
+        "stopped, counts as driving"
+    ]
 
 
 def far_centre(robot: Robot) -> list[str]:

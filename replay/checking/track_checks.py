@@ -41,7 +41,6 @@ from icreckon.replay.checking.check import (
     with_speeds,
 )
 from icreckon.replay.inspection import imu_mounting
-from icreckon.replay.inspection.guess_topics import is_command
 from icreckon.replay.inspection.latency import clock_fit, objection, track_latency, without_lag
 from icreckon.replay.inspection.wheels import DEGREES, jackknifed, turning_suspicion
 from icreckon.replay.mapping.columns import TrackColumns
@@ -82,14 +81,6 @@ USUAL_ETA, WIDEST_ETA = 3.5, 4.0  # usual eta0, and one that is another unit [-]
 PLAUSIBLE = (3e-4, 3e3)  # scales that are a matter of units at all [-]
 # Fewest samples of a gyro that reads one value, and turning of the tracks that a gyro must show [rad/s].
 FEWEST, CLEARLY_TURNS = 20, 0.05
-
-
-def check_source(log: Log, robot: Robot) -> Iterator[Check]:  # noqa: ARG001 - one of the checks
-    """Topic of the track speeds: of commands, by its name?"""
-    mapped = topic_map(robot).tracks
-    if mapped is not None and is_command(mapped.topic):
-        told = "commands, by the name: a robot that stalls, or is stopped, counts as driving"
-        yield Check("source of the track speeds", mapped.topic, told)
 
 
 def check_sides(log: Log, robot: Robot) -> Iterator[Check]:

@@ -5,10 +5,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
+from icreckon.estimator.base.lag_search import jackknife_sigma, without_blocks
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import BodyVelocity
 from icreckon.estimator.robot.robot_file import Robot
@@ -43,7 +42,7 @@ def check_velocity(log: Log, robot: Robot) -> Iterator[Check]:
     # A sensor at a place p of the robot moves by v + i w p, both turned and scaled alike.
     columns = np.column_stack([speed, 1j * rate])
     used = np.flatnonzero(drives)
-    fits = [_fit(columns[rows], seen[rows]) for rows in _without_blocks(used)]
+    fits = [_fit(columns[rows], seen[rows]) for rows in without_blocks(used)]
     values, sigmas = _fit(columns[used], seen[used]), jackknife_sigma(np.array(fits))
     scale, direction, forward, left, scatter = values.tolist()
     place = math.hypot(forward, left)
@@ -89,11 +88,6 @@ def check_velocity(log: Log, robot: Robot) -> Iterator[Check]:
         lambda log, robot: (replace(log, others=others), robot),
         {f"log.velocity.{key}": value for key, value in settings.items()},
     )
-
-
-def _without_blocks(rows: NDArray[np.int_]) -> list[NDArray[np.int_]]:
-    """Rows without each of `BLOCKS` blocks."""
-    return [np.setdiff1d(rows, block) for block in np.array_split(rows, BLOCKS)]
 
 
 def _fit(columns: Floats, seen: Floats) -> Floats:

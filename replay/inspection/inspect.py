@@ -239,7 +239,7 @@ def _estimates(
     if aligned is not log:
         mounting, vertical = _mounting_and_vertical(aligned, imu_mount)
     # Counts have no scale yet, by which wheels could be estimated.
-    is_apart = log.imu and vertical is not None and turn_apart(log.tracks, log.imu, vertical)
+    is_apart = bool(log.imu and vertical is not None and turn_apart(log.tracks, log.imu, vertical))
     wheel_rate = None if mapping.lacks_counts_per_turn or is_apart else vertical
     correlation = mounting.turning_correlation if mounting else None
     wander = fit = None
@@ -256,6 +256,7 @@ def _estimates(
         vertical=vertical,
         wheels=wheels.wheel_estimates(aligned, wheel_rate, correlation),
         latencies=latencies,
+        are_apart=is_apart,
         bias=None if vertical is None or is_apart else gyro_bias(aligned, vertical),
         wander=wander,
         fix_fit=fit,
@@ -467,7 +468,7 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
             "wrong, or the IMU upside down"
         )
     rate = estimates.vertical
-    if log.imu is not None and rate is not None and turn_apart(log.tracks, log.imu, rate):
+    if estimates.are_apart and log.imu is not None and rate is not None:
         side = imu_mounting.backward_side(log.tracks, log.imu, rate)
         backward = f"the {side} side counts backward, a minus before its names?"
         cause = backward if side else "another robot's topic, or another time's?"

@@ -61,6 +61,7 @@ class LogEstimates:
     wheels: WheelEstimates = NO_WHEELS  # estimated effective radius and track
     # latencies of tracks and truth against the gyro, by purpose
     latencies: Mapping[str, Lag | NoLag] = field(default_factory=dict)
+    are_apart: bool = False  # True if tracks and gyro both turn, but not together
     bias: GyroBias | None = None  # bias of the gyro
     wander: FixWanderEstimate | str | None = None  # error of the fixes, or why it is not known
     imu_mount: Mount | None = None  # static transform of the IMU

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.frames import rotate
-from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
+from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma, without_blocks
 from icreckon.estimator.log.failed_sensors import stuck_sides
 from icreckon.estimator.log.lag import turned
 from icreckon.estimator.log.log import Log
@@ -120,8 +120,9 @@ def _turning_ratio(log: Log, vertical: Floats) -> tuple[float | None, float | No
 def jackknifed(estimate: Callable[[NDArray[np.int_]], float], count: int) -> tuple[float, float]:
     """Estimate from `count` rows, and its standard error, by leaving out blocks."""
     rows = np.arange(count)
-    without_block = [estimate(np.delete(rows, block)) for block in np.array_split(rows, BLOCKS)]
-    return estimate(rows), float(jackknife_sigma(np.array(without_block)))
+    return estimate(rows), float(
+        jackknife_sigma(np.array(list(map(estimate, without_blocks(rows)))))
+    )
 
 
 def _distance_ratio(

@@ -412,7 +412,7 @@ class LiveInputs:
         stamps, last = np.array([stamp]), self._odometry
         if np.isfinite(rows[0, 0]):
             if last is not None:
-                if abs(stamp - last[0]) * NANOSECOND < LEAST:
+                if abs(stamp - last[0]) < LEAST:
                     return
                 stamps, rows = np.array([last[0], stamp]), np.stack([last[1], rows[0]])
             self._odometry = stamp, rows[-1]

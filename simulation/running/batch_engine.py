@@ -13,7 +13,7 @@ from icreckon.estimator.batch.front_end import Measured
 from icreckon.estimator.batch.inputs import measured_of
 from icreckon.estimator.batch.runs import Worked, side_by_side, work_through_runs
 from icreckon.estimator.engine.filters import BatchFilter
-from icreckon.estimator.engine.schedule import steps_of, why_not_steps
+from icreckon.estimator.engine.schedule import Steps, steps_of, why_not_steps
 from icreckon.estimator.filter.samples import has_absurd_readings
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.trajectory import Trajectory
@@ -26,6 +26,7 @@ from icreckon.simulation.study.cells import Cell, Filter, Plan
 from icreckon.simulation.study.failures import RunScores, unscored
 from icreckon.simulation.study.statistics import (
     SENSORS,
+    Segments,
     TrueTicks,
     path_statistics,
     score_times,
@@ -67,12 +68,7 @@ def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> 
     batch_filters = [
         BatchFilter(spec.robot, find_variant(spec.variant), spec.settings) for spec in filters
     ]
-    # Stamps, steps and scored segments are those of all runs of a cell.
-    tracks, imu, fixes, truth = _stamps(cell.scenario)
-    heading = errors_of(cell.scenario, cell.robot).fixes.heading_sigma is not None
-    steps = steps_of(tracks, imu, fixes, truth, heading=heading)
-    first, last = int(min(tracks[0], imu[0])), int(max(tracks[-1], imu[-1]))
-    segments = scored_segments(truth, cell.horizons, fixes, first, last)
+    track_stamps, truth_stamps, steps, segments = _schedule(cell)
     width = batch_filters[0].width  # lanes, as many for each filter
     slowest = min(spec.robot.vehicle.max_track_speed for spec in filters)
     for begin in range(0, count, width):
@@ -81,13 +77,13 @@ def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> 
         runs = [first_run + begin + min(lane, used_lanes - 1) for lane in range(width)]
         logs = [study_streaming.study_log(cell, run) for run in runs]
         absurd = [lane for lane in range(used_lanes) if has_absurd_readings(logs[lane], slowest)]
-        measured, start = _measured(logs, filters, tracks), np.zeros(3)
+        measured, start = _measured(logs, filters, track_stamps), np.zeros(3)
         results = work_through_runs(batch_filters, measured, steps, start=start, start_sigma=start)
         of_lanes = zip(*map(true_ticks, logs), strict=True)
         ticks = TrueTicks(*(np.stack(arrays, axis=1) for arrays in of_lanes))
         group = slice(begin, begin + used_lanes)
         for place, (batch_filter, result) in enumerate(zip(batch_filters, results, strict=True)):
-            path = side_by_side(truth, result)
+            path = side_by_side(truth_stamps, result)
             errors = path_statistics(path, ticks, segments)
             rows = np.stack([*errors, *_consistency(batch_filter, result)], axis=-1)
             scores.values[place, group] = rows[:used_lanes]
@@ -111,6 +107,16 @@ def _stamps(scenario: Scenario) -> tuple[Stamps, Stamps, Stamps, Stamps]:
     rates = scenario.track_rate, scenario.imu_rate
     tracks, imu = (to_stamps(sample_times(duration, rate)) for rate in rates)
     return tracks, imu, to_stamps(fixes), to_stamps(score_times(scenario))
+
+
+def _schedule(cell: Cell) -> tuple[Stamps, Stamps, Steps, list[Segments]]:
+    """Stamps of tracks and truth, steps, and scored segments of all runs of a cell."""
+    tracks, imu, fixes, truth = _stamps(cell.scenario)
+    errors = errors_of(cell.scenario, cell.robot).fixes
+    steps = steps_of(tracks, imu, fixes, truth, heading=errors.heading_sigma is not None)
+    begin, end = min(tracks[0], imu[0]), max(tracks[-1], imu[-1])
+    segments = scored_segments(truth, cell.horizons, fixes, int(begin), int(end))
+    return tracks, truth, steps, segments
 
 
 def _measured(logs: Sequence[Log], filters: Sequence[Filter], tracks: Stamps) -> list[Measured]:

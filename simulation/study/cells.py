@@ -180,14 +180,7 @@ def _cell(
     nested = nest(scenario_changes) | {"seed": study.seed}
     scenario = change_scenario(study.scenario, nested, f"sweep of {study.name}")
     if outage is not None:
-        # The last seconds of the run; 0 for no outage.
-        end = scenario.duration
-        if not (is_finite(outage) and 0.0 <= outage <= end):
-            raise SimulationError(
-                f"outage must be from 0 to the duration of the run, {end:g} s, found {outage!r}"
-            )
-        outages = ((end - float(outage), end),) if outage else ()
-        scenario = msgspec.structs.replace(scenario, outages=outages)
+        scenario = _with_outage(scenario, outage)
     robot = _changed_robot(robot, nest(robot_changes[ROBOT]), ROBOT)
     true_robot = _changed_robot(robot, nest(robot_changes[TRUE_ROBOT]), TRUE_ROBOT)
     modelled = _with_noise_of(robot, true_robot, scenario) if study.filters_know_noise else robot
@@ -247,6 +240,18 @@ def _changed_robot(robot: Robot, changes: dict[str, Any], source: str) -> Robot:
         return robot
     data = merged(msgspec.to_builtins(robot), changes)
     return convert(data, Robot, source, EstimatorError)
+
+
+def _with_outage(scenario: Scenario, length: Any) -> Scenario:
+    """Scenario with one outage, its last `length` seconds; with none if that is 0."""
+    if not (is_finite(length) and 0.0 <= length <= scenario.duration):
+        raise SimulationError(
+            f"outage must be from 0 to the duration of the run, {scenario.duration:g} s, "
+            f"found {length!r}"
+        )
+    end = scenario.duration
+    outages = ((end - float(length), end),) if length else ()
+    return msgspec.structs.replace(scenario, outages=outages)
 
 
 def _scale_of(values: tuple[Value, ...]) -> Scale:

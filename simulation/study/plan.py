@@ -53,22 +53,7 @@ class LatinHypercube(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         if not ranges:
             raise SimulationError("a latin hypercube needs ranges; give at least one key")
         for key, found in ranges.items():
-            wanted = f"the range of {key!r} must be [lowest, highest] or [lowest, highest, scale]"
-            if not isinstance(found, list | tuple) or len(found) not in (2, 3):
-                raise SimulationError(f"{wanted}, found {found!r}")
-            low, high, *scales = found
-            if not (is_finite(low) and is_finite(high) and low < high):
-                raise SimulationError(
-                    f"{wanted}, numbers of which the second is larger, found {found!r}"
-                )
-            (scale,) = scales or ["linear"]
-            if scale not in SCALES:
-                hint = nearest_hint(str(scale), [*SCALES])
-                raise SimulationError(f"{key!r} has no scale {scale!r}{hint}")
-            if scale == "log" and not low > 0.0:
-                raise SimulationError(
-                    f"the range of {key!r} is logarithmic: it must lie above 0, found {low!r}"
-                )
+            _check_range(key, found)
         msgspec.structs.force_setattr(self, "ranges", ranges)
 
 
@@ -104,24 +89,7 @@ class Sweep(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
             raise SimulationError("nothing is swept: give grid, cases or latin, or leave out sweep")
         msgspec.structs.force_setattr(self, "grid", grid)
         msgspec.structs.force_setattr(self, "cases", cases)
-        # No key and no axis is changed by more than one part of a sweep.
-        owners: dict[str, str] = {}
-        axes = [(key, [key]) for key in grid]
-        axes += [
-            (axis, sorted({key for changes in named.values() for key in changes}))
-            for axis, named in cases.items()
-        ]
-        axes += [(key, [key]) for key in (self.latin.ranges if self.latin else {})]
-        names = [axis for axis, _ in axes]
-        for axis, keys in axes:
-            if names.count(axis) > 1:
-                raise SimulationError(f"{axis!r} is swept twice; leave one out")
-            for key in keys:
-                if key in owners:
-                    raise SimulationError(
-                        f"{key!r} is swept twice, by {owners[key]!r} and by {axis!r}; leave one out"
-                    )
-                owners[key] = axis
+        _refuse_shared_keys(self)
 
 
 class FilterSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -152,7 +120,11 @@ class FilterSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         self.made_settings()
 
     def made_settings(self) -> Settings:
-        """Make the settings; SimulationError for a bad key, type or value."""
+        """Make the settings, checked.
+
+        Raises:
+            SimulationError: a misspelt key, a wrong type or a bad value.
+        """
         return convert(self.settings, Settings, f"settings of {self.label}", SimulationError)
 
 
@@ -282,7 +254,11 @@ def flatten(data: dict[str, Any], table: str = "") -> dict[str, Any]:
 
 
 def nest(flat: dict[str, Any]) -> dict[str, Any]:
-    """Nest dotted keys into tables; SimulationError if one is both value and table."""
+    """Nest dotted keys into tables.
+
+    Raises:
+        SimulationError: a dotted key is both a value and a table.
+    """
     data: dict[str, Any] = {}
     for path, value in flat.items():
         table, (*parents, last) = data, path.split(".")
@@ -294,6 +270,45 @@ def nest(flat: dict[str, Any]) -> dict[str, Any]:
             raise SimulationError(f"{path!r} is a table, and no value, elsewhere")
         table[last] = value
     return data
+
+
+def _check_range(key: str, found: Any) -> None:
+    """Reject a range that is not (lowest, highest) or (lowest, highest, scale)."""
+    wanted = f"the range of {key!r} must be [lowest, highest] or [lowest, highest, scale]"
+    if not isinstance(found, list | tuple) or len(found) not in (2, 3):
+        raise SimulationError(f"{wanted}, found {found!r}")
+    low, high, *scales = found
+    if not (is_finite(low) and is_finite(high) and low < high):
+        raise SimulationError(f"{wanted}, numbers of which the second is larger, found {found!r}")
+    (scale,) = scales or ["linear"]
+    if scale not in SCALES:
+        hint = nearest_hint(str(scale), [*SCALES])
+        raise SimulationError(f"{key!r} has no scale {scale!r}{hint}")
+    if scale == "log" and not low > 0.0:
+        raise SimulationError(
+            f"the range of {key!r} is logarithmic: it must lie above 0, found {low!r}"
+        )
+
+
+def _refuse_shared_keys(sweep: Sweep) -> None:
+    """Reject a key or an axis that more than one part of a sweep changes."""
+    owners: dict[str, str] = {}
+    axes = [(key, [key]) for key in sweep.grid]
+    axes += [
+        (axis, sorted({key for changes in named.values() for key in changes}))
+        for axis, named in sweep.cases.items()
+    ]
+    axes += [(key, [key]) for key in (sweep.latin.ranges if sweep.latin else {})]
+    names = [axis for axis, _ in axes]
+    for axis, keys in axes:
+        if names.count(axis) > 1:
+            raise SimulationError(f"{axis!r} is swept twice; leave one out")
+        for key in keys:
+            if key in owners:
+                raise SimulationError(
+                    f"{key!r} is swept twice, by {owners[key]!r} and by {axis!r}; leave one out"
+                )
+            owners[key] = axis
 
 
 def _require_name(what: str, name: str) -> None:

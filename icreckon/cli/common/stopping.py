@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
+from typing import NoReturn
 
 NAMES = {
     "SIGINT": "interrupted",
@@ -82,25 +83,36 @@ def stopped_in_one_line() -> Iterator[None]:
         # Libraries turn the interrupt into errors of their own.
         if not Stop.number or (isinstance(end, SystemExit) and not end.code):
             raise
-        reason = NAMES[signal.Signals(Stop.number).name]
-        advice = f"; {Stop.advice}" if Stop.advice else ""
-        sys.stderr.write(f"icreckon: {reason}{advice}\n")
-        with suppress(OSError):
-            sys.stdout.flush()
-        # The interpreter is not taken down: that waits for threads, and crashes where one runs on.
-        os._exit(128 + Stop.number)
+        _leave()
     finally:
         sys.unraisablehook = hook
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
+def _leave() -> NoReturn:
+    """Print the reason, and exit with 128 + signal.
+
+    The interpreter is not taken down: that waits for threads, and crashes where one runs on.
+    """
+    reason = NAMES[signal.Signals(Stop.number).name]
+    advice = f"; {Stop.advice}" if Stop.advice else ""
+    sys.stderr.write(f"icreckon: {reason}{advice}\n")
+    with suppress(OSError):
+        sys.stdout.flush()
+    os._exit(128 + Stop.number)
+
+
 @contextmanager
 def warned_in_one_line() -> Iterator[None]:
     """Show warnings on one line, and none of matplotlib on its cache folder."""
+
+    def one_line(message: Warning | str, *_: object, **_more: object) -> str:
+        return f"icreckon: {message}\n"
+
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     before = warnings.formatwarning
-    warnings.formatwarning = lambda message, *_, **_more: f"icreckon: {message}\n"
+    warnings.formatwarning = one_line
     try:
         yield
     finally:

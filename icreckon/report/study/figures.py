@@ -136,18 +136,9 @@ def _draw_effect(
         else:
             axes.plot(x, mean, lw=1.5, label=label, **style)
             axes.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)
-        # A cross at the lower edge marks a place without a result.
-        missing = x[~np.isfinite(mean)]
-        crosses: Any = {"color": colour, "ms": 9, "mew": 2.5, "clip_on": False}
-        crosses["transform"] = axes.get_xaxis_transform()
-        crosses["label"] = "no result" if len(missing) else None
-        axes.plot(missing, np.full(len(missing), 0.03), "x", **crosses)
+        _mark_missing(axes, x, mean, colour)
         if axis["sampled"] and key == "mean":
-            # A dot for each cell of the Latin hypercube.
-            cells = results["cells"]
-            at = floats([cell["values"][axis["name"]] for cell in cells])
-            dots = floats([cell["variants"][label][statistic]["mean"] for cell in cells])
-            axes.plot(at, dots, ".", color=colour, ms=4, alpha=0.5)
+            _draw_cells(axes, results, axis["name"], label, statistic, colour)
         means.append(mean)
         highs.append(np.fmax(mean, high))
     _limit(axes, np.concatenate(means), np.concatenate(highs))
@@ -181,6 +172,25 @@ def _add_legend(axes: Axes) -> None:
     """Draw the legend above the axes, where it hides no line."""
     handles, labels = axes.get_legend_handles_labels()
     axes.figure.legend(handles, labels, loc="outside upper center", ncols=4)
+
+
+def _mark_missing(axes: Axes, places: Any, values: Any, colour: str) -> None:
+    """Mark places without a result with a cross at the lower edge."""
+    missing = places[~np.isfinite(values)]
+    style: Any = {"color": colour, "ms": 9, "mew": 2.5, "clip_on": False}
+    style["transform"] = axes.get_xaxis_transform()
+    style["label"] = "no result" if len(missing) else None
+    axes.plot(missing, np.full(len(missing), 0.03), "x", **style)
+
+
+def _draw_cells(
+    axes: Axes, results: Results, axis: str, label: str, statistic: str, colour: str
+) -> None:
+    """Draw the mean of a variant in each cell of a Latin hypercube as a dot."""
+    cells = results["cells"]
+    x = floats([cell["values"][axis] for cell in cells])
+    means = floats([cell["variants"][label][statistic]["mean"] for cell in cells])
+    axes.plot(x, means, ".", color=colour, ms=4, alpha=0.5)
 
 
 def _grid(results: Results) -> Picture:
@@ -265,16 +275,20 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
     all_means, all_lows = np.concatenate(means), np.concatenate(lows)
     # NaN is not positive.
     shown_means = [band_low, band_high, *all_means[all_means > 0.0]]
-    # The axis has all means, and lower ends that do not dwarf them.
-    axes.set_yscale("log")
-    bottom = max(0.8 * min([*shown_means, *all_lows[all_lows > 0.0]]), 0.1 * min(shown_means))
-    axes.set_ylim(bottom, 3.0 * max(shown_means))
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    axes.yaxis.set_minor_locator(NullLocator())
+    _scale_log_axis(axes, shown_means, all_lows[all_lows > 0.0])
     _label_cells(axes, results)
     axes.set_ylabel("NEES of the pose at the end [-]")
     _add_legend(axes)
+
+
+def _scale_log_axis(axes: Axes, means: Any, lows: Any) -> None:
+    """Limit a logarithmic axis to all means, and to lower ends that do not dwarf them."""
+    axes.set_yscale("log")
+    bottom = max(0.8 * min([*means, *lows]), 0.1 * min(means))
+    axes.set_ylim(bottom, 3.0 * max(means))
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_locator(NullLocator())
 
 
 def _label_cells(axes: Axes, results: Results) -> None:

@@ -148,3 +148,12 @@ def test_a_message_definition_is_found_by_the_name_of_its_type(tmp_path: Path) -
     elsewhere = drive.rename(tmp_path / drive.name)
     found = inspect(bag, definitions=read_definitions([elsewhere, wheel]))
     assert found.mapping.tracks.topic == "/drive"
+    # Two of that name are no answer, and neither replaces the one of the right package.
+    other = tmp_path / "their_msgs" / "msg" / "Drive.msg"
+    other.parent.mkdir(parents=True)
+    other.write_text("float64 voltage\n", encoding="utf-8")
+    unclear = inspect(bag, definitions=read_definitions([elsewhere, other, wheel]))
+    assert unclear.mapping.tracks is None
+    right = elsewhere.rename(drive)
+    for files in ([right, other, wheel], [other, right, wheel]):
+        assert inspect(bag, definitions=read_definitions(files)).mapping.tracks.topic == "/drive"
