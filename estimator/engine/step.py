@@ -232,9 +232,8 @@ class Step:
         lane = self.lane
         inputs = StepInputs._make(map(lane.input, StepInputs._fields))
         of_w, dt = inputs.speed_decay * self._sigma()[2], lane.constant("dt")
-        within, white = self._fades()[2].integral, self.slip.white_time
-        within = within / select(dt > 0.0, dt, 1.0)
-        return model.fast_slip_density(inputs, now.by_speeds, white, within, of_w, dt)
+        white = model.white_density(self.slip.white_time, self._fades()[2].integral, dt)
+        return model.fast_slip_density(inputs, now.by_speeds, white, of_w, dt)
 
     def update_standstill(self) -> None:
         """Update standing lanes with a twist of zero.

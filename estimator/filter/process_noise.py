@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.choices import select
 from icreckon.estimator.log.measurements import Vector3
 from icreckon.estimator.motion.propagation import gauss_markov
@@ -63,9 +63,10 @@ class Disturbances:
         speeds, and slides of the robot. `by_speeds` (3, 2) is the derivative of the twist by the track
         speeds, `dt` the length of the step [s].
         """
-        of_w, white = inputs.speed_decay * sigma[2], self.slip.white_time
-        within = gauss_markov(dt, self.slip.time_constant).integral / max(dt, NANOSECOND)
-        return np.array(fast_slip_density(inputs, by_speeds.tolist(), white, within, of_w, dt))
+        integral = gauss_markov(dt, self.slip.time_constant).integral
+        white = white_density(self.slip.white_time, integral, dt)
+        of_w = inputs.speed_decay * sigma[2]
+        return np.array(fast_slip_density(inputs, by_speeds.tolist(), white, of_w, dt))
 
 
 def slip_at(
@@ -111,15 +112,22 @@ def change_density(sigma: float, time_constant: float) -> float:
     return 2.0 * (sigma * sigma) / time_constant
 
 
+def white_density(white_time: float, integral: float, dt: float) -> Any:
+    """Density of the slip of w that the gyro shows within a step, of unit variance [s].
+
+    It is the sum of the white part of the slip, by its `white_time` [s], and of the slow slip that begins
+    within the step of `dt` [s], by what its noise adds to the `integral` [s²], see `GaussMarkov`.
+    """
+    return 2.0 * white_time + integral / select(dt > 0.0, dt, 1.0)
+
+
 def fast_slip_density(
-    inputs: Any, by_speeds: Any, white_time: float, within: Any, sigma_w: float, dt: float
+    inputs: Any, by_speeds: Any, white: float, sigma_w: float, dt: float
 ) -> tuple[Vector3, Vector3, Vector3]:
     """(3, 3) density of the fast slip; see `Disturbances.fast_slip_density`.
 
-    `inputs` is a `StepInputs`, or a record with its densities; `white_time` is that of the slip, see
-    `Slip` [s], `within` what the noise of a slow slip of unit variance adds to its integral over the
-    step, over dt [s], and `sigma_w` the standard deviation of the slip of w [rad/s]. The gyro shows all
-    of the slip of w over a step, what comes within it included.
+    `inputs` is a `StepInputs`, or a record with its densities; `white` is by `white_density` [s], and
+    `sigma_w` the standard deviation of the slip of w [rad/s].
     """
     left, right, gap = inputs.left_density, inputs.right_density, inputs.gap_density
     x, y, w = by_speeds[0], by_speeds[1], by_speeds[2]
@@ -131,7 +139,7 @@ def fast_slip_density(
     yy = left * (y[0] * y[0]) + right * (y[1] * y[1])
     yy += gap * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP) + inputs.slide_y_density
     ww = left * (w[0] * w[0]) + right * (w[1] * w[1])
-    ww += (2.0 * white_time + within) * (sigma_w * sigma_w) + inputs.late_density
+    ww += white * (sigma_w * sigma_w) + inputs.late_density
     # Over the step, the gap adds no more to the variance of the yaw than `UNKNOWN_YAW`.
     gap_density_w = 2.0 * gap * (w[0] * w[0] + w[1] * w[1])
     ww += gap_density_w * (UNKNOWN_YAW / max(UNKNOWN_YAW, gap_density_w * dt))

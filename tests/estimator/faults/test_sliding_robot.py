@@ -143,7 +143,7 @@ def test_a_slide_forward_makes_the_forward_speed_uncertain_alone() -> None:
     inputs = step_inputs(held, StandstillRecord(), SECOND, SECOND + STEP, chosen)
     assert inputs.slide_x_density == pytest.approx(2.0 * 0.8**2, rel=0.01)
     alone = inputs._replace(slide_x_density=3.0, gap_density=0.0, late_density=0.0)
-    density = np.array(fast_slip_density(alone, [[0.0, 0.0]] * 3, 0.0, 0.0, 0.0, 0.01))
+    density = np.array(fast_slip_density(alone, [[0.0, 0.0]] * 3, 0.0, 0.0, 0.01))
     assert density.tolist() == np.diag([3.0, 0.0, 0.0]).tolist()
 
 
