@@ -113,7 +113,7 @@ def change_density(sigma: float, time_constant: float) -> float:
 
 
 def white_density(white_time: float, integral: float, dt: float) -> Any:
-    """Density of the slip of w that the gyro shows within a step, of unit variance [s].
+    """Density of the slip of w within a step, for a slow slip of unit variance [s].
 
     It is the sum of the white part of the slip, by its `white_time` [s], and of the slow slip that begins
     within the step of `dt` [s], by what its noise adds to the `integral` [s²], see `GaussMarkov`.
