@@ -18,6 +18,7 @@ FORBIDDEN = re.compile(
     r"|says? (nothing|little)|tells? of)\b",
     re.IGNORECASE,
 )
+MOST_WORDS = 55_000  # of README.md and docs/, generated tables included
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
@@ -55,5 +56,5 @@ def test_pages_use_standard_words() -> None:
 
 def test_pages_are_a_budget() -> None:
     pages = (page.read_text(encoding="utf-8") for page in PAGES if page.name != "CONTRIBUTING.md")
-    more = sum(len(page.split()) for page in pages) - 55_000
-    assert more <= 0, f"README.md and docs/ have {more} words too many: delete as many"
+    more = sum(len(page.split()) for page in pages) - MOST_WORDS
+    assert more <= 0, f"{more} words too many: delete as many, or see CONTRIBUTING.md"

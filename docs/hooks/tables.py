@@ -232,8 +232,8 @@ def filter_settings() -> str:
 
 def of_variants(key: str) -> str:
     """Values of `Adaptation` that variants have instead of the default."""
-    names = ("constant-online", "full-linear", "inertia-online")
-    values = {name: getattr(variants.default_adaptation(name), key) for name in names}
+    online = [name for name, one in variants.VARIANTS.items() if one.online]
+    values = {name: getattr(variants.default_adaptation(name), key) for name in online}
     usual = getattr(variants.Adaptation(), key)
     other = [f"`{name}` {value:g}" for name, value in values.items() if value != usual]
     return f" Without the table: {', '.join(other)}." if other else ""
@@ -346,3 +346,4 @@ if __name__ == "__main__":
         text = path.read_text(encoding="utf-8")
         if (found := up_to_date(text)) != text:
             path.write_text(found, encoding="utf-8")
+            print(f"changed: {path}")

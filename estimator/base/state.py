@@ -64,6 +64,7 @@ LEARNT: Final = slice(PARAMETERS.start, BIASES.stop)
 GRAVITY: Final = slice(24, 26)
 GRAVITY_X, GRAVITY_Y = range(24, 26)
 FAST_SLIP: Final = slice(26, 29)
+FAST_SLIP_W: Final = 28
 # Behind the states: wander of the position fixes along x and y of odom [m], if the filter estimates it.
 WANDER: Final = slice(29, 31)
 WANDER_X, WANDER_Y = range(29, 31)

@@ -178,7 +178,7 @@ class Step:
         gyro both show: noise of either moves no parameter and no bias (errors in variables).
         """
         lane, x = self.lane, self.lane.x.copy()
-        slip = shares[2] * x[s.SLIP_W] + x[s.FAST_SLIP.stop - 1]
+        slip = shares[2] * x[s.SLIP_W] + x[s.FAST_SLIP_W]
         by_left, by_right = now.by_speeds[2]
         # The smaller one of the yaw rates with and without slip; zero if their signs differ.
         estimated, track_rate = now.twist[2], now.twist[2] - slip

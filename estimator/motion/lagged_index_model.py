@@ -121,8 +121,8 @@ def advanced(
     V_m = 0.5 * (speeds[0] + speeds[1])
     started = memory[3]
     at = evaluate(*speeds, parameters, gravity, vehicle, memory)
-    twist, x_CM = at.kinematic, vehicle.x_CM
-    slide = -twist.w * at.frees[1] * parameters[8] * at.by_gravity[1] * gravity[1]
+    twist, x_CM, epsilon_F = at.kinematic, vehicle.x_CM, parameters[8]
+    slide = -twist.w * at.frees[1] * epsilon_F * at.by_gravity[1] * gravity[1]
     force = -vehicle.mass * twist.w * (twist.v_y - slide + x_CM * twist.w)
     kept = started * keep
     u = force + kept * (memory[0] - force)

@@ -153,7 +153,7 @@ def register(variant: Variant) -> None:
     """Add a variant; its name is valid wherever those of `VARIANTS` are.
 
     A motion model without a traced form (`icreckon.estimator.engine.model`) is evaluated in Python, with
-    either engine, and cannot run side by side. Studies refuse it.
+    either engine, and cannot run side by side. Studies refuse each motion model that is not shipped.
 
     Raises:
         EstimatorError: the name is taken, or there is no such shipped model.

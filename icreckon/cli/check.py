@@ -35,7 +35,7 @@ def command(
     as_json: options.Json = False,
     overwrite: options.Overwrite = False,
 ) -> None:
-    """Check a robot file against a log: units, signs, mounting, latency.
+    """Check a robot file against a log: units, signs, latency.
 
     List contradictions with the log, the costliest first, each with the setting that corrects it. Exit
     with status 1 if there are any, or if the log allows no check.
@@ -50,8 +50,9 @@ def command(
         log, notes=(*log.notes, *robot_check.commanded(robot), *robot_check.far_centre(robot))
     )
     checks = robot_check.check_robot(log, robot)
-    worth = None
-    if len(log.tracks.stamps) and log.imu is not None:
+    worth, has_both = None, len(log.tracks.stamps) > 0 and log.imu is not None
+    is_seen = has_both and any(check.measured is not None for check in checks)
+    if is_seen:
         # If the filter cannot run with all corrections, the checks are shown without costs.
         title, kernels = "filtering, as the file is and corrected", kernels_of([VARIANT])
         with console.progress(title, compiles=kernels) as report, suppress(ReplayError):
@@ -62,7 +63,7 @@ def command(
     if as_json:
         typer.echo(json.dumps(_json_results(checks, worth, hints), indent=1))
     else:
-        _show(log, checks, worth, hints)
+        _show(log, checks, worth, hints, is_seen=is_seen)
     if ros is not None:
         wrong = [check.name for check in checks if check.problem and check.correction is not None]
         source = "by this log" if wrong else "of the robot file"
@@ -71,8 +72,7 @@ def command(
         console.write_file(
             ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite
         )
-    are_unseen = all(check.measured is None for check in checks)
-    if are_unseen or any(check.problem for check in checks):
+    if not is_seen or any(check.problem for check in checks):
         raise typer.Exit(console.FAILED)
 
 
@@ -85,7 +85,9 @@ def _costs(checks: list[Check], worth: Worth | None) -> list[tuple[float, Check]
     return sorted(pairs, key=lambda pair: math.inf if math.isnan(pair[0]) else -pair[0])
 
 
-def _show(log: Log, checks: list[Check], worth: Worth | None, hints: list[str]) -> None:
+def _show(
+    log: Log, checks: list[Check], worth: Worth | None, hints: list[str], *, is_seen: bool
+) -> None:
     out = console.results()
     console.print_banner(log.notes)
     for what, count in log.dropped.items():
@@ -98,7 +100,7 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, hints: list[str]) 
         file_value = f" (file: {check.in_file})" if check.in_file else ""
         out.print(Text(f"{mark} {check.name}: {check.in_log}{file_value}"))
     contradictions = _costs(checks, worth)
-    out.print(Text(f"\n{_verdict(checks, len(contradictions))}"))
+    out.print(Text(f"\n{_verdict(checks, len(contradictions), is_seen=is_seen)}"))
     for number, (cost, check) in enumerate(contradictions, 1):
         text = check.problem[0].upper() + check.problem[1:]
         text += "" if text.endswith("?") else "."
@@ -117,17 +119,19 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, hints: list[str]) 
         out.print(Text(f"\nHint: {hint}"))
 
 
-def _verdict(checks: list[Check], contradictions: int) -> str:
-    """Headline: how many things contradict the log."""
+def _verdict(checks: list[Check], contradictions: int, *, is_seen: bool) -> str:
+    """Headline: how many things contradict the log, if it shows (`is_seen`) any value."""
     if contradictions:
         text = f"{contradictions} things contradict"
         if contradictions == 1:
             text = "One thing contradicts"
         end = ". Is this the file of another robot?" if robot_check.is_of_another(checks) else ":"
         return f"{text} the log, worst first{end}\n"
+    if not is_seen:
+        return (
+            "Nothing could be checked: that takes track speeds and an IMU of a robot that drives."
+        )
     unseen = sum(check.measured is None for check in checks)
-    if unseen == len(checks):
-        return "Nothing could be checked: that takes track speeds and an IMU."
     of_all = f", but it does not show {unseen} of {len(checks)} values" if unseen else ""
     return f"Nothing in the log contradicts the robot file{of_all}."
 

@@ -33,7 +33,7 @@ def command(
     ] = 200.0,
     overwrite: Overwrite = False,
 ) -> None:
-    """Write the filter of a robot in C, for microcontrollers and C++ programs.
+    """Write the filter of a robot in C, for microcontrollers and C++.
 
     The folder holds C99 sources without dependencies, a C++ class, an example, a self-test against the
     Python filter, and files for CMake, colcon and Arduino.

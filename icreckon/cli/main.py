@@ -33,12 +33,12 @@ COMMANDS = {
     "replay": "Run all filter variants over a log, or several, and score them.",
     "inspect": "List what a log holds, and propose a robot file for it.",
     "robots": "List the robots that ship with icreckon, for --robot.",
-    "check": "Check a robot file against a log: units, signs, mounting, latency.",
+    "check": "Check a robot file against a log: units, signs, latency.",
     "calibrate": "Calibrate a robot from logs with a ground truth.",
-    "export": "Write the filter of a robot in C, for microcontrollers and C++ programs.",
+    "export": "Write the filter of a robot in C, for microcontrollers and C++.",
     "paper": "Reproduce the paper: its numbers, its Table II, its figures.",
-    "prepare": "Compile all filters ahead, for an image or before a robot's first drive.",
-    "study": "Simulate many runs over a sweep of parameters, and summarise them.",
+    "prepare": "Compile all filters ahead, for an image or a first drive.",
+    "study": "Simulate many runs over a sweep of parameters; summarise them.",
     "ros2-node": "Run as a ROS 2 node: odometry, tf and diagnostics, live.",
 }
 

@@ -27,7 +27,7 @@ def command(
         int | None, Option(min=1, help="Processes (default: as cores, 4 at most).")
     ] = None,
 ) -> None:
-    """Compile all filters ahead, for an image or before a robot's first drive.
+    """Compile all filters ahead, for an image or a first drive.
 
     What is compiled is kept for all later processes of this version, in $NUMBA_CACHE_DIR/icreckon or
     the user's cache folder.

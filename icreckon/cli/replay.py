@@ -18,7 +18,7 @@ from icreckon.cli.common.stopping import Stop
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import find_variant
+from icreckon.estimator.robot.variants import VARIANTS, find_variant
 from icreckon.replay.bags.decoding import Definitions, read_definitions
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.base.outputs import MANIFEST
@@ -77,8 +77,7 @@ def command(
     variants: Annotated[
         str | None,
         Option(
-            help="Filter variants, separated by commas (default: all): gyro, differential, "
-            "constant-fixed, constant-online, full-linear, inertia-fixed, inertia-online.",
+            help=f"Filter variants, separated by commas (default: all): {', '.join(VARIANTS)}.",
             autocompletion=options.VARIANT_NAMES,
         ),
     ] = None,

@@ -62,7 +62,7 @@ def command(
         bool, Option("--list", help="List the studies that ship with icreckon.")
     ] = False,
 ) -> None:
-    """Simulate many runs over a sweep of parameters, and summarise them.
+    """Simulate many runs over a sweep of parameters; summarise them.
 
     The same command continues an interrupted study.
     """

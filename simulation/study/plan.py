@@ -110,8 +110,8 @@ class FilterSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     def __post_init__(self) -> None:
         if find_variant(self.variant).motion is not None:
             raise SimulationError(
-                f"studies take shipped variants only: {self.variant!r} has a motion model of its own, "
-                "which their worker processes cannot import"
+                f"studies take shipped motion models only: {self.variant!r} has one of its own, which "
+                "their worker processes cannot import"
             )
         label = self.label or self.variant
         _require_name("label of a variant", label)

@@ -179,7 +179,9 @@ def integrate(
             break
         weight = _weight_on_slope(ground, slopes[k])
         y = states[k + 1]
-        y[:] = states[k]
+        # Row by row: numba compiles a copy of a whole array for seconds.
+        for row in range(SIZE):
+            y[row] = states[k, row]
         done = 0.0  # share of the way to the next grid point [-]
         while done < 1.0:
             rest = (1.0 - done) * step
@@ -215,7 +217,8 @@ def integrate(
             steps += 1
             h_tried, h = h, _next_step(h, error)
             if error <= 1.0:
-                y[:] = trial
+                for row in range(SIZE):
+                    y[row] = trial[row]
                 done += h_tried / step
                 if 1.0 - done < 1e-12:
                     done = 1.0

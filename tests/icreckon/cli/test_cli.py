@@ -152,11 +152,13 @@ def test_the_list_of_commands_has_the_first_lines_of_their_help() -> None:
 
 
 def test_help_cuts_nothing_at_80_columns(tmp_path: Path) -> None:
-    wide = os.environ | {"COLUMNS": "80"}
-    done = succeeds("simulate", "--help", cwd=tmp_path, run=partial(icreckon_alone, env=wide))
-    assert "gyro.noise_density=0.001" in done.stdout
-    assert "--fix-heading-sigma" in done.stdout
-    assert "…" not in done.stdout
+    run = partial(icreckon_alone, env=os.environ | {"COLUMNS": "80"})
+    simulating = succeeds("simulate", "--help", cwd=tmp_path, run=run).stdout
+    assert "gyro.noise_density=0.001" in simulating
+    assert "--fix-heading-sigma" in simulating
+    assert "…" not in simulating
+    listed = succeeds("--help", cwd=tmp_path, run=run).stdout.splitlines()
+    assert [line.split(maxsplit=1)[1] for line in listed[-len(COMMANDS) :]] == [*COMMANDS.values()]
 
 
 def same(log: Log, other: Log) -> None:
