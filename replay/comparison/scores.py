@@ -7,6 +7,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.first_order import first_order
 from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.path_heading import headings_by_path
 from icreckon.estimator.log.scores import (
@@ -76,8 +77,6 @@ def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
     and the wander of the robot file if fixes are the truth. Then headings are found as the truth's were.
     Empty without a truth, or if the truth has headings of its own.
     """
-    from scipy.signal import lfilter
-
     alignment, log = comparison.alignment, comparison.log
     if log.truth is None or alignment is None or alignment.headings is None:
         return {}
@@ -94,7 +93,7 @@ def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
         driving[1:] *= math.sqrt(1.0 - correlation**2)
         noisy = poses.copy()
         noisy[:, :2] += alignment.headings.noise * white
-        noisy[:, :2] += wander_sigma * lfilter([1.0], [1.0, -correlation], driving, axis=0)
+        noisy[:, :2] += wander_sigma * first_order(driving, correlation)
         truth = headings_by_path(PoseSeries(stamps, noisy), path)
         if truth is None:
             return {}

@@ -16,6 +16,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.first_order import first_order
 from icreckon.estimator.base.frames import paper_to_rep103, rotate
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import LOAD_LAG, Robot
@@ -216,15 +217,12 @@ def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats,
     """
     if time_constant <= 0.0:
         return commands, np.gradient(commands, step, axis=0)
-    from scipy.signal import lfilter
-
     decay = math.exp(-step / time_constant)
     share = (1.0 - decay) * time_constant / step
     of_newer, of_older = 1.0 - share, share - decay
     # The filter begins in the steady state of the first command.
-    before = decay * commands[:1] + of_older * commands[:1]
-    behind, _ = lfilter([of_newer, of_older], [1.0, -decay], commands[1:], axis=0, zi=before)
-    speeds = np.concatenate([commands[:1], behind])
+    driving = of_newer * commands[1:] + of_older * commands[:-1]
+    speeds = first_order(np.concatenate([commands[:1], driving]), decay)
     return speeds, (commands - speeds) / time_constant
 
 

@@ -5,6 +5,7 @@ All speeds and poses are in REP-103 axes: `base_link` in `odom`, starting at the
 `icreckon.simulation.scenario` has them by name.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.first_order import first_order
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.robot.robot_file import Indices, Slip, slip_components
 
@@ -171,12 +173,10 @@ def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) 
     Of `count` samples (count, 3): x_k = a x_(k-1) + sqrt(1 - a²) n_k with a = exp(-step / time_constant)
     [s], exact at any step, stationary from the start (Gelb, Applied Optimal Estimation, section 3.6).
     """
-    from scipy.signal import lfilter
-
     noise = rng.standard_normal((count, 3))
     decay = step / time_constant
     noise[1:] *= np.sqrt(-np.expm1(-2.0 * decay))
-    return np.asarray(lfilter([1.0], [1.0, -np.exp(-decay)], noise, axis=0))
+    return first_order(noise, math.exp(-decay))
 
 
 def displacements(twists: Floats, step: float) -> Floats:
