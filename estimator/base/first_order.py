@@ -6,9 +6,10 @@ from icreckon.estimator.base.array_types import Floats
 
 
 def first_order(inputs: Floats, keep: float) -> Floats:
-    """First-order recursive filter, y_k = keep y_(k-1) + x_k, of inputs x (n, m), from y_0 = x_0.
+    """First-order recursive filter: y_k = keep y_(k-1) + x_k, y_0 = x_0.
 
-    By doubling: each round adds the sums of as many samples before as are in a sum.
+    Inputs x are (n, m), as are the outputs. By doubling: each round adds to each sum that of as many
+    samples before it.
     """
     sums, reach = np.array(inputs, dtype=float), 1
     while reach < len(sums):

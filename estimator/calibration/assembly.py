@@ -24,6 +24,9 @@ from icreckon.estimator.robot.robot_file import Robot
 Refit = Callable[[str, dict[str, float], frozenset[str]], Fit]
 """Fit of a model: its name, initial values, parameters to hold at these."""
 
+LEAST_SHIFT = (
+    0.1  # difference of a written value from that of a row that is noted [standard errors]
+)
 LEAST_CHANGE = 1e-3
 """A larger shift of the centre of mass [m] changes the meaning of the inertia-based parameters; a larger
 change of a scale [-] changes the meaning of all parameters."""
@@ -164,6 +167,10 @@ def _completed(
         table, _, key = row.name.rpartition(".")
         by_friction = table == "indices" and getattr(new.indices, key) != row.before
         kept_note = FRICTION_KEPT if by_friction else KEPT
+    elif row.sigma and row.name.startswith("indices."):
+        written = getattr(new.indices, row.name.removeprefix("indices."))
+        if abs(written - row.value) > LEAST_SHIFT * row.sigma:
+            kept_note = f"written: {written:.5g}, found again with those that are kept"
     if row.sigma is not None:
         between = SIGMA_SHARES.get(row.name, 0.0) * abs(row.value) + SIGMA_SIZES.get(row.name, 0.0)
         logs = len(chosen.problem.recording.motions)
@@ -262,7 +269,9 @@ def _parameters(
         name, is_known = ("imu.roll", "imu.pitch", "imu.yaw")[axis], np.isfinite(error)
         status: Status = "shown" if is_known else "held"
         sigma = float(np.degrees(error)) if is_known else None
-        rows.append(FoundParameter(name, "deg", after[axis], sigma, status, before[axis]))
+        # The same angle within half a turn of the file's.
+        value = before[axis] + math.remainder(after[axis] - before[axis], 360.0)
+        rows.append(FoundParameter(name, "deg", value, sigma, status, before[axis]))
     if "imu_forward" in chosen.problem.names:
         rows += [_row(chosen, f"imu_{name}", f"imu.{name}", "m", before=0.0) for name in PLANE]
     rows += [_row(chosen, f"lever_arm_{name}", f"truth.{name}", "m") for name in PLANE]

@@ -8,7 +8,7 @@ NAMES = {
     ("per_N2", "1/N²"): ("eta2",),
     ("per_m", "1/m"): ("turn_l", "turn_r"),
     ("m_s", "m/s"): ("slip_x", "slip_y"),
-    ("rad_s", "rad/s"): ("slip_w", "gyro_bias"),
+    ("rad_s", "rad/s"): ("slip_w", "gyro_bias", "gyro_bias_x", "gyro_bias_y"),
     ("m_s2", "m/s²"): ("accelerometer_bias_x", "accelerometer_bias_y", "gravity_x", "gravity_y"),
 }
 UNITS = {name: units for units, names in NAMES.items() for name in names}

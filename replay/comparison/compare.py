@@ -36,6 +36,7 @@ from icreckon.replay.comparison.fixes import (
     with_fixes_within,
     with_truth_of_fixes,
 )
+from icreckon.replay.comparison.holes import between_holes, holes_of
 from icreckon.replay.comparison.initial_pose import lateness, start_from_fixes, start_from_truth
 from icreckon.replay.comparison.known_bias import GYRO, KnownBias, known_bias
 from icreckon.replay.comparison.truth_alignment import (
@@ -88,7 +89,7 @@ class Comparison:
         """Drift of all runs against the truth, by horizon and name; empty without a truth."""
         if self.log.truth is None:
             return {}
-        scored = scored_intervals(self.log)
+        scored = between_holes(scored_intervals(self.log), holes_of(self.log))
         pairs = {name: (self.runs[name].trajectory, self.truths[name].truth) for name in self.runs}
         return {
             label: {

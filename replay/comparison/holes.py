@@ -29,6 +29,18 @@ def holes_of(log: Log) -> list[Interval]:
     return merged
 
 
+def between_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Interval]:
+    """Parts of intervals that no hole overlaps."""
+    for begin, end in holes:
+        parts = [
+            part
+            for low, high in within
+            for part in ((low, min(begin, high)), (max(end, low), high))
+        ]
+        within = [(low, high) for low, high in parts if low < high]
+    return within
+
+
 def before_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Interval]:
     """Cut each interval at the start of the first hole that begins in it."""
     return [

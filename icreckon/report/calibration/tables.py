@@ -27,7 +27,7 @@ def calibration_tables(results: Results, *, narrow: bool) -> Group:
     """
     makers = (model_table, parameter_table, log_table)
     tables = [rich_table(make(results, narrow=narrow), narrow=narrow) for make in makers]
-    lines = map(Text, footnotes(results))
+    lines = map(Text, (results["verdict"], *footnotes(results)))
     return Group(Text(results["headline"], style="bold"), *tables, *lines)
 
 
@@ -109,17 +109,16 @@ def model_table(results: Results, *, narrow: bool = False) -> Table:
         "with the gyro\n% of distance",
         "log likelihood\nof a segment",
     ]
-    title = "models, predicting what they were not fitted to"
+    title = "models, predicting what they were not fitted to; * the one that the logs support"
     return _text_table(title, head, rows, left_out=1 if narrow else 0)
 
 
 def footnotes(results: Results) -> list[str]:
-    """Verdict, validation, correlated parameters, and notes on calibration and logs."""
+    """Validation, correlated parameters, and notes on calibration and logs."""
     validation = results["validation"]
     lines = [
-        results["verdict"],
         f"Held out: {validation['folds']} folds of {validation['blocks']} blocks of contiguous time, "
-        f"windows of up to {validation['longest_window_s']:.0f} s, {validation['distance_m']:.0f} m.",
+        f"windows of up to {validation['longest_window_s']:.0f} s, {validation['distance_m']:.0f} m."
     ]
     names, matrix = results["correlations"]["names"], np.array(results["correlations"]["matrix"])
     # Each pair once: below the diagonal.
@@ -139,7 +138,7 @@ def _rounded_to_error(value: float, sigma: float | None) -> str:
     value_power, sigma_power = (math.floor(math.log10(abs(x))) for x in (value, sigma))
     # At least all digits before the decimal point, so that "#g" writes no exponent.
     digits = max(value_power - sigma_power + 2, value_power + 1, 1)
-    return f"{value:#.{digits}g}".removesuffix(".")
+    return f"{value:#.{digits}g}".removesuffix(".").replace(".e", "e")
 
 
 def calibration_page(results: Results) -> str:
@@ -157,6 +156,7 @@ def calibration_page(results: Results) -> str:
         title=f"{results['robot']['name']}, calibrated",
         subtitle=f"icreckon calibrate · {count} · {distance:.0f} m",
         headline=results["headline"],
+        remarks=[results["verdict"]],
         pictures=pictures,
         tables=[model_table(results), parameter_table(results), log_table(results)],
         notes=footnotes(results),

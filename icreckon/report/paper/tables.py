@@ -79,7 +79,7 @@ def _numbers(results: Results, *, narrow: bool) -> Table:
         if not narrow:
             cells.append(Cell(row["where"], "wrap"))
         rows.append((row["name"], cells))
-    head = ["number", "published", "reproduced", "differ-\nence %", "unit", "equal when\nrounded"]
+    head = ["number", "published", "reproduced", "difference\n%", "unit", "equal when\nrounded"]
     return Table("The paper's numbers", head if narrow else [*head, "where"], rows)
 
 

@@ -57,6 +57,8 @@ PARAMETER_TITLES = {
     "turn_l": "Yaw rate per left track speed",
     "turn_r": "Yaw rate per right track speed",
     "gyro_bias": "Bias of the gyro",
+    "gyro_bias_x": "Bias of the gyro about the forward axis",
+    "gyro_bias_y": "Bias of the gyro about the axis to the left",
     "gyro_scale": "Scale of the gyro, less 1",
     "accelerometer_bias_x": "Bias of the accelerometer, forward",
     "accelerometer_bias_y": "Bias of the accelerometer, to the left",

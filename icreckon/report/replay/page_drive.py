@@ -79,9 +79,10 @@ def has_wheels(vehicle: Results) -> bool:
 def _colourings(results: Results, columns: dict[str, Numbers]) -> list[Results]:
     """Choices of what colours the path, and columns of the variants with values."""
     choices = []
+    lost = "yaw rate by the tracks less the estimated one, in the direction of the turn"
     nis = "mean NIS of all sensors per degree of freedom, ideal 1"
     for title, meaning, key, unit, is_signed in (
-        ("slip in turning", "yaw rate by the tracks less estimated", "lost_rad_s", "rad/s", False),
+        ("slip in turning", lost, "lost_rad_s", "rad/s", True),
         ("slip angle", "angle from heading to travel, to the left", "slip_angle_deg", "deg", True),
         ("position error", "distance from the truth", "position_error_m", "m", False),
         ("NIS", nis, "nis_per_dof", "-", False),

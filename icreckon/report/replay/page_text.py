@@ -40,7 +40,7 @@ def imu_text(results: Results) -> str:
 
 
 def holes_text(results: Results) -> str:
-    """Holes of the log, and the part of it over which NEES is computed."""
+    """Holes of the log, and the parts of it that are scored."""
     holes = results["log"]["holes_s"]
     if not holes:
         return ""
@@ -49,8 +49,9 @@ def holes_text(results: Results) -> str:
     several = f" in {len(holes)} holes, the longest of {longest} s" if len(holes) > 1 else ""
     moved = results["log"]["moved_in_holes_m"] or 0.0
     several += f", in which the truth moves {number(moved)} m" if moved > LEAST_END_ERROR else ""
-    nees = f"; NEES is that before {number(holes[0][0])} s" if results["truth"] else ""
-    return f"The log has no track speeds or IMU samples for {whole} s{several}{nees}."
+    scores = f"; no drift is across them, NEES is that before {number(holes[0][0])} s"
+    scores = scores if results["truth"] else ""
+    return f"The log has no track speeds or IMU samples for {whole} s{several}{scores}."
 
 
 def noise_text(results: Results) -> str:
@@ -161,7 +162,7 @@ def _apart(results: Results) -> str:
     sigma = results["variants"][reference]["end_sigma_m"]
     unsure = f"{reference} gives its end no uncertainty"
     if sigma is not None:
-        unsure = f"{reference} itself gives its end 3σ of {number(3.0 * sigma)} m"
+        unsure = f"{reference} itself gives its end a standard deviation of {number(sigma)} m"
     distances = [scores["distance_m"] for scores in variants.values()]
     shortest, longest = number(min(distances)), number(max(distances))
     after = f"after {shortest} m" if shortest == longest else f"after {shortest} to {longest} m"

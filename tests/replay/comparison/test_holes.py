@@ -8,7 +8,7 @@ import pytest
 
 from conftest import holed
 from icreckon import Log, Scenario, compare, load_robot, simulate, summarise
-from icreckon.replay.comparison.holes import before_holes, holes_of, largest_sigma
+from icreckon.replay.comparison.holes import before_holes, between_holes, holes_of, largest_sigma
 from icreckon.report.replay.page_text import headline
 
 ROBOT = load_robot("auriga-alpha")
@@ -27,6 +27,17 @@ def test_holes_of_two_streams_are_one(log: Log) -> None:
     assert (begin - log.start) / SECOND == pytest.approx(40.0, abs=0.1)
     assert (end - log.start) / SECOND == pytest.approx(75.0, abs=0.1)
     assert before_holes([(log.start, log.end)], holes_of(log)) == [(log.start, begin)]
+
+
+def test_no_segment_of_the_drift_is_across_a_hole(log: Log) -> None:
+    ((begin, end),) = holes_of(log)
+    assert between_holes([(log.start, log.end)], holes_of(log)) == [
+        (log.start, begin), (end, log.end)
+    ]  # fmt: skip
+    segments = compare(log, ROBOT, "gyro").drifts["10s"]["gyro"]
+    starts = segments.starts
+    assert ((starts < begin).any(), (starts >= end).any()) == (True, True)
+    assert not ((starts > begin - 10 * SECOND) & (starts < end)).any()
 
 
 def test_after_a_hole_sigmas_are_those_of_the_fastest_drive_and_the_verdict_names_it(
@@ -49,7 +60,8 @@ def test_after_a_hole_sigmas_are_those_of_the_fastest_drive_and_the_verdict_name
     moved = results["log"]["moved_in_holes_m"]
     assert moved == pytest.approx(float(np.hypot(*(ends[1] - ends[0]))), abs=0.2)
     assert re.search(
-        r"IMU samples for 35.0 s, in which the truth moves \S+ m; NEES is that", headline(results)
+        r"IMU samples for 35.0 s, in which the truth moves \S+ m; no drift is across them",
+        headline(results),
     )
     whole = [one.trajectory.stamps < begin for one in found.runs.values()]
     counted = [one["nees_poses"] for one in results["variants"].values()]

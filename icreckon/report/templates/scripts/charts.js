@@ -100,7 +100,7 @@ const Charts = (() => {
     const clipped = Svg.axes(chart, MARGIN, { px, py, labels, spacing: 38, clip });
     const inside = clipped();
     for (const span of (spec.spans || []).map((one) => one.map(State.place))) {
-      make("rect", { class: "span", x: px(span[0]), width: Math.max(0, (span[1] - span[0]) * kx),
+      make("rect", { class: "span", x: px(span[0]), width: Math.max(2, (span[1] - span[0]) * kx),
         y: MARGIN.top, height }, inside);
     }
     const bands = State.bands ? (spec.bands || []).filter(State.visible) : [];

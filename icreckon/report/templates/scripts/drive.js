@@ -90,8 +90,8 @@ const Drive = (() => {
         make("path", { class: `arrow ${key}`, d: `M${px(middle)} ${from}V${tip}m-6 ${back}l6 ${-back}l6 ${back}` },
           svg);
       }
-      text(`${Svg.number(speed)} m/s`, { class: "outlined", x: px(0) - 5 * side,
-        y: py(-0.5 * length) + 16, "text-anchor": side > 0 ? "end" : "start" }, svg);
+      text(`${Svg.number(speed)} m/s`, { class: "outlined", x: px(middle), y: py(-0.5 * length) + 16,
+        "text-anchor": "middle" }, svg);
     }
   }
 
@@ -150,10 +150,13 @@ const Drive = (() => {
   function drawIcr(y, forward, key) {
     const { svg, px, py, width } = view, at = Math.min(Math.max(px(y), 8), width - 8);
     make("circle", { class: `icr ${key}`, cx: at, cy: py(forward), r: 6.5 }, svg);
-    const down = py(forward) + 20, inside = Math.min(Math.max(at, 34), width - 34);
-    text(`ICR ${key}`, { class: `outlined ${key}`, x: inside, y: down, "text-anchor": "middle" }, svg);
-    text(`${Svg.number(Math.abs(y))} m`, { class: `outlined ${key}`, x: inside, y: down + 14,
-      "text-anchor": "middle" }, svg);
+    // Outside of the robot where there is room, else below.
+    const isLeft = key === "left", hasRoom = (isLeft ? at : width - at) > 70;
+    const x = hasRoom ? at + (isLeft ? -12 : 12) : Math.min(Math.max(at, 34), width - 34);
+    const anchor = hasRoom ? (isLeft ? "end" : "start") : "middle", down = py(forward) + 20;
+    text(`ICR ${key}`, { class: `outlined ${key}`, x, y: down, "text-anchor": anchor }, svg);
+    text(`${Svg.number(Math.abs(y))} m`, { class: `outlined ${key}`, x, y: down + 14,
+      "text-anchor": anchor }, svg);
   }
 
   // ICRs of the true motion, which a simulation knows while the robot turns.
@@ -256,9 +259,7 @@ const Drive = (() => {
       State.change("drive");
     }, choices);
     const colours = [["", "variant"], ...drive.colourings.map((one, row) => [row, one.title])];
-    const first = drive.colourings.length ? 0 : "";
-    choice.colouring = drive.colourings[0] || null;
-    chooser("path coloured by", colours, first, (row) => {
+    chooser("path coloured by", colours, "", (row) => {
       choice.colouring = row === "" ? null : drive.colourings[Number(row)];
       State.change("drive");
     }, choices);

@@ -79,7 +79,7 @@ const PathMap = (() => {
     if (row >= 0) {
       const [x, y] = [px(xs(first)[row]), py(ys(first)[row])];
       make("circle", { class: "start", cx: x, cy: y, r: 6 }, parent);
-      text("start", { class: "outlined", x: x + 9, y: y - 6 }, parent);
+      text("start", { class: "outlined", x: x + 9, y: y < 20 ? y + 16 : y - 6 }, parent);
     }
   }
 
