@@ -27,7 +27,9 @@ def write_track_figure(path: Path, title: str, track: TrackByRate) -> None:
             axes.errorbar(rates, tracks, errors, label=f"turns to the {side}", **style)
         # Units other than metres are long and have a line of their own.
         unit = f"[{track.unit}]" if track.unit == "m" else f"\n[{track.unit}]"
-        axes.axhline(track.whole, color="0.4", ls="--", label=f"whole log: {track.whole:.3g}")
+        axes.axhline(
+            track.whole, color="0.4", ls="--", label=f"all turns, steady or not: {track.whole:.3g}"
+        )
         axes.set(xlabel="yaw rate by the gyro [rad/s]", ylabel=f"effective track {unit}")
         axes.set_xlim(0.0, 1.1 * max(abs(rate_bin.rate) for rate_bin in track.bins))
         axes.set_title(printable(f"{title}: effective track, ± 2σ"), fontsize=11)
