@@ -175,6 +175,8 @@ def has_gaps(one: Run) -> bool:
     return one.health.track_gaps > 0
 
 
+# Those of the guide, so that their filter is compiled once for all tests.
+CONSIDERED = ("eta0", "gyro_scale")
 WANDERING = Settings(wander=FixWander(1.2, 60.0))
 PATIENT = Settings(gates=GateSettings(patience=8))
 ALONG = robot_with("vehicle", centre_of_mass=(0.04, 0.015, 0.3))
@@ -245,7 +247,7 @@ SCENES = {
     "no accelerometers by the settings": Scene(drive, settings=Settings(use_accelerometer=False)),
     "a log of one sample": Scene(lambda: first(drive(), 0.03)),
     "states that are considered": Scene(
-        lambda: drive(fix_rate=5.0), ("inertia-online",), Settings(considered=("eta0", "gyro_bias"))
+        lambda: drive(fix_rate=5.0), ("inertia-online",), Settings(considered=CONSIDERED)
     ),
     "a gyro noisier than its file says": Scene(
         drive, ("inertia-online",), robot=robot_with("imu", gyro_noise_density=GYRO_NOISE / 30.0)

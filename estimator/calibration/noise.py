@@ -178,10 +178,13 @@ def information(
 
 def _solve_banded(bands: Floats, columns: Floats) -> tuple[Floats, Floats]:
     """Solve a banded covariance for columns (r, ...); also its Cholesky factor."""
-    from scipy.linalg import cho_solve_banded, cholesky_banded
+    # By LAPACK: checks and wrappers of scipy's functions take longer than they do.
+    from scipy.linalg.lapack import dpbsv
 
-    factor = cholesky_banded(bands, lower=True)
-    return cho_solve_banded((factor, True), columns), factor
+    factor, solved, failed = dpbsv(bands, columns.reshape(len(columns), -1), lower=True)
+    if failed:
+        raise np.linalg.LinAlgError("a covariance of residuals is not positive definite")
+    return solved.reshape(columns.shape), factor
 
 
 def flattening(noise: Noise, residuals: Floats) -> float:

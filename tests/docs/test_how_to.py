@@ -20,8 +20,8 @@ GUIDES = (
     "tutorials/microcontroller.md",
     "tutorials/simulate-and-study.md",
 )
-# Nearly a minute each of what other tests and the cross build show, too.
-LONGEST = ("how-to/several-logs.md", "tutorials/microcontroller.md")
+# Half a minute each and more, of what other tests and the cross build show, too.
+LONGEST = ("how-to/several-logs.md", "how-to/which-gyro.md", "tutorials/microcontroller.md")
 ELSEWHERE = {"check.md", "embedding.md", "from-robot-localization.md", "three-dimensions.md"}
 """Guides whose commands other tests run."""
 

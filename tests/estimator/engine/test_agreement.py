@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from agreement_scenes import (
+    CONSIDERED,
     DEFAULT,
     SCENES,
     WANDERING,
@@ -90,7 +91,7 @@ def short(fix_rate: float = 5.0, seconds: float = 0.8) -> Log:
 PLAIN = {
     "full-linear": Scene(short, ("full-linear",)),
     "states that are considered": Scene(
-        short, ("inertia-online",), Settings(considered=("eta0", "gyro_bias"))
+        short, ("inertia-online",), Settings(considered=CONSIDERED)
     ),
     "fixes that wander": Scene(short, settings=WANDERING),
     "slow IMU, no track speeds": Scene(

@@ -1,6 +1,7 @@
 """Encoders with few counts: their steps neither exclude the gyro nor hide a slow turn as its bias."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -9,10 +10,10 @@ from icreckon import (
     EncoderSpec,
     ImuSample,
     PoseEstimator,
-    Robot,
     Run,
     Scenario,
     TrackSpeeds,
+    load_robot,
     simulate,
 )
 from icreckon import run as run_filter
@@ -22,12 +23,12 @@ from icreckon.estimator.log.scores import drift
 UNAIDED = 30.0, 100.0  # time without fixes [s]
 COUNT = 0.0058  # hub motors with 90 counts a turn [m]
 SEEDS = range(8)
+ROBOT = load_robot("auriga-alpha")
 
 
-def driven(
-    robot: Robot, seed: int, count: float, variant: str, rate: float = 50.0
-) -> tuple[Log, Run]:
-    """Run over a drive with encoders of this resolution [m], read at a rate [Hz]."""
+@cache
+def recorded(seed: int, count: float, rate: float) -> Log:
+    """A drive with encoders of this resolution [m], read at a rate [Hz]."""
     scenario = Scenario(
         duration=UNAIDED[1],
         seed=seed,
@@ -38,8 +39,13 @@ def driven(
         trajectory="random",
         encoders=EncoderSpec(resolution=count),
     )
-    log = simulate(scenario, robot)
-    return log, run_filter(replace(log, truth=None), robot, variant)
+    return simulate(scenario, ROBOT)
+
+
+def driven(seed: int, count: float, variant: str, rate: float) -> tuple[Log, Run]:
+    """Run over such a drive."""
+    log = recorded(seed, count, rate)
+    return log, run_filter(replace(log, truth=None), ROBOT, variant)
 
 
 def percent(log: Log, run: Run) -> float:
@@ -52,12 +58,9 @@ def percent(log: Log, run: Run) -> float:
     ("variant", "count", "rate"),
     [("gyro", COUNT, 50.0), ("inertia-online", COUNT, 50.0), ("inertia-online", 0.02, 20.0)],
 )
-def test_coarse_encoders_cost_a_third_at_most(
-    robot: Robot, variant: str, count: float, rate: float
-) -> None:
+def test_coarse_encoders_cost_a_third_at_most(variant: str, count: float, rate: float) -> None:
     fine, coarse = (
-        [driven(robot, seed, resolution, variant, rate) for seed in SEEDS]
-        for resolution in (0.0, count)
+        [driven(seed, resolution, variant, rate) for seed in SEEDS] for resolution in (0.0, count)
     )
     ends = []
     for log, run in coarse:
@@ -71,10 +74,10 @@ def test_coarse_encoders_cost_a_third_at_most(
 
 
 @pytest.mark.parametrize("counted", [False, True])
-def test_a_turn_that_begins_before_the_first_count_is_no_bias(robot: Robot, counted: bool) -> None:
+def test_a_turn_that_begins_before_the_first_count_is_no_bias(counted: bool) -> None:
     rng, stamp = np.random.default_rng(2), 0
-    estimator = PoseEstimator(robot)
-    density = robot.imu.gyro_noise_density
+    estimator = PoseEstimator(ROBOT)
+    density = ROBOT.imu.gyro_noise_density
 
     def feed(seconds: float, rate: float, speed: float) -> None:
         """Feed a turn at a rate [rad/s] and a speed [m/s], in whole counts at 50 Hz."""
