@@ -106,7 +106,7 @@ def drift_tables(results: Results) -> list[Table]:
             ratios.append(interval_cell(scores.get(key), interval))
         drift_rows.append((name, drifts))
         ratio_rows.append((name, ratios))
-    title = "% of the distance, with 95 % intervals; bold: the lowest of the filters"
+    title = "% of the distance, with 95 % intervals where the log is long enough; bold: lowest"
     ratio_title = f"Ratio to {baseline}, over the same segments"
     return [Table(title, head, drift_rows), Table(ratio_title, head, ratio_rows)]
 

@@ -156,6 +156,7 @@ def _error_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
             columns[f"{name}/yaw_apart_rad"] = rounded(turned)
     spans = outages(results)
     scored = " Yellow: without fixes, where drift is scored." if spans else ""
+    scored += " Grey: holes of the log." if results["log"]["holes_s"] else ""
     note = f"Bands: the filter's own 3σ; bar at the edge: 3σ is off scale.{scored}"
     common = {"place": "errors", "spans": spans, "note": note}
     position: Chart = {"title": position_title, "y_label": "position [m]"}

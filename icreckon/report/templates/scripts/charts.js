@@ -99,9 +99,11 @@ const Charts = (() => {
     const labels = { x: State.axis(), y: spec.y_label }, clip = `clip-${chart.number}`;
     const clipped = Svg.axes(chart, MARGIN, { px, py, labels, spacing: 38, clip });
     const inside = clipped();
-    for (const span of (spec.spans || []).map((one) => one.map(State.place))) {
-      make("rect", { class: "span", x: px(span[0]), width: Math.max(2, (span[1] - span[0]) * kx),
-        y: MARGIN.top, height }, inside);
+    for (const [spans, kind] of [[spec.spans || [], "span"], [State.holes, "hole"]]) {
+      for (const [begin, end] of spans.map((one) => one.map(State.place))) {
+        make("rect", { class: kind, x: px(begin), width: Math.max(2, (end - begin) * kx), y: MARGIN.top, height },
+          inside);
+      }
     }
     const bands = State.bands ? (spec.bands || []).filter(State.visible) : [];
     bands.forEach((band, number) => drawBand(chart, band, number, inside));
@@ -201,8 +203,9 @@ const Charts = (() => {
     values.replaceChildren();
     const travelled = State.at("distance", State.cursor);
     html("b", values, `${State.cursor.toFixed(1)} s, ${Svg.number(travelled)} m driven`);
-    if (State.inHole(State.cursor)) html("div", values, "a hole of the log");
-    const items = [...(chart.spec.lines || []), ...(chart.spec.points || [])].filter(State.visible);
+    const isHole = State.inHole(State.cursor);
+    if (isHole) html("div", values, "a hole of the log");
+    const items = isHole ? [] : [...(chart.spec.lines || []), ...(chart.spec.points || [])].filter(State.visible);
     const [, unit = ""] = /\[([^\]-]+)\]/.exec(chart.spec.y_label) || [];
     for (const item of items) {
       const row = rowAt(item), value = row < 0 ? null : column(item.y, item.scale)[row];
