@@ -13,7 +13,7 @@ import msgspec
 from icreckon.replay.bags.bag_files import BAG_SUFFIXES, Bag, over_bag
 from icreckon.replay.bags.decoding import Definitions, decoder
 from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRING
-from icreckon.replay.bags.table_files import TABLE_SUFFIXES, is_table
+from icreckon.replay.bags.table_files import TABLE_SUFFIXES, is_table, is_trajectory
 from icreckon.replay.base.errors import OF_ROBOT_FILE, NoRowsError, ReplayError, os_errors
 from icreckon.replay.mapping.field_paths import field_reader
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, FixTopic, TopicMap, TrackTopic, TruthTopic
@@ -83,14 +83,20 @@ def log_files(folder: Path) -> list[Path]:
     if not folder.is_dir() or (folder / "metadata.yaml").exists():
         return []
     with os_errors(folder, "cannot be read"):
-        names = sorted(file.name for file in folder.iterdir())
-    return [folder / name for name in names if name.lower().endswith(LOG_SUFFIXES)]
+        files = sorted(folder.iterdir(), key=lambda file: file.name)
+    return [file for file in files if _is_log_file(file)]
+
+
+def _is_log_file(file: Path) -> bool:
+    """Test a file of a folder by its name; a text must be a trajectory, not a note."""
+    is_named = file.name.lower().endswith(LOG_SUFFIXES)
+    return is_named or (is_table(file) and is_trajectory(file))
 
 
 def _parts_of(folder: Path) -> list[Path]:
     """Files of a folder with a table; none for bags alone, which `over_bag` opens."""
     files = log_files(folder)
-    has_table = any(file.name.lower().endswith(TABLE_SUFFIXES) for file in files)
+    has_table = any(not file.name.lower().endswith(BAG_SUFFIXES) for file in files)
     return files if has_table else []
 
 
