@@ -28,9 +28,8 @@ from icreckon.replay.base.errors import ReplayError, os_errors
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 STORAGE_SUFFIXES = (".mcap", ".db3")
-PACKED_SUFFIX = ".zstd"
+PACKED_SUFFIX = ".zstd"  # ending of the name of a file that is compressed as a whole
 BAG_SUFFIXES = (".bag", *STORAGE_SUFFIXES, ".mcap.zstd", ".db3.zstd")
-"""Ending of the name of a file that is compressed as a whole."""
 
 T = TypeVar("T")
 

@@ -5,7 +5,6 @@ IMU = "sensor_msgs/msg/Imu"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TWIST = "geometry_msgs/msg/TwistStamped"
 TWIST_WITH_COVARIANCE = "geometry_msgs/msg/TwistWithCovarianceStamped"
-OF_A_BODY = (ODOMETRY, TWIST, TWIST_WITH_COVARIANCE)  # forward speed and yaw rate of the robot
 STRING = "std_msgs/msg/String"
 POSE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"

@@ -75,14 +75,15 @@ def read_table(path: Path) -> Read:
     """
     if _is_parquet(path):
         return _read_parquet(path)
-    return _read_trajectory(path) if _is_trajectory(path) else _read_csv(path)
+    return _read_trajectory(path) if is_trajectory(path) else _read_csv(path)
 
 
-def _is_trajectory(path: Path) -> bool:
+def is_trajectory(path: Path) -> bool:
     """Test the first line of data for a time, a position and a unit quaternion."""
-    with path.open(encoding="utf-8", errors="replace") as file:
+    first = ""
+    with suppress(OSError), path.open(encoding="utf-8", errors="replace") as file:
         lines = file.read(FIRST_BYTES).splitlines()
-    first = next((line for line in lines if line.strip() and line[0] != "#"), "")
+        first = next((line for line in lines if line.strip() and line[0] != "#"), "")
     try:
         cells = np.array(first.split(), dtype=float)
     except ValueError:

@@ -13,7 +13,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, changed_robot
 from icreckon.replay.checking import fix_checks, imu_checks, track_checks, velocity_checks
 from icreckon.replay.checking.check import FORWARD, MOUNTING, SCALE, TRACK, Check, corrected
-from icreckon.replay.inspection.guess_topics import is_command
+from icreckon.replay.mapping.naming import is_command
 from icreckon.replay.mapping.topics import TopicMap, topic_map, with_column_keys
 from icreckon.replay.reading.gather import left_out
 

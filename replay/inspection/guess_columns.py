@@ -7,24 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.inspection.guess_topics import (
-    ACCELEROMETER,
-    NO_SPEED,
-    SPEED,
-    axes_of,
-    first_like,
-    fix_keys,
-    imu_keys,
-    in_degrees,
-    is_command,
-    is_of_wheel,
-    is_truth,
-    plain_name,
-    twist_names,
-    unit_of,
-    wheel_sides,
-)
 from icreckon.replay.inspection.imu_mounting import NO_GRAVITY
+from icreckon.replay.mapping import naming
 from icreckon.replay.mapping.columns import (
     AngleUnit,
     ColumnMap,
@@ -43,7 +27,8 @@ BARE = re.compile(
     r"wheels?|tracks?|sprockets?|drives?|motors?|front|rear|back|mid(?:dle)?|side|measured|actual"
     r"|v|w|k?m|[cm]?m|s|ms|mps|kmh|rad|rads|deg|h|l|r|[fmrbvw][lr]|[lr][fmrb]|"
 )
-POSE_NAMES = ("t?x", "t?y", "yaw|heading|theta")  # patterns of the last word of a name
+# Last words of the names of a pose.
+POSE_NAMES = [re.compile(rf"(?:^|[_.])(?:{one})$") for one in ("t?x", "t?y", "yaw|heading|theta")]
 # Names of a file of poses that nobody measured apart from the robot's own sensors.
 ESTIMATED = re.compile(r"odom|wheel|encoder|ekf|ukf|fused|filter|estimat|predict|reckon")
 SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
@@ -83,35 +68,35 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         )
         numbers = [column.name for column in table.columns if column.is_number]
         names = [name for name in numbers if name != table_time]
-        true_names = [name for name in names if is_truth(table.path.stem) or is_truth(name)]
-        measured = [name for name in names if name not in true_names and not is_command(name)]
+        stem = table.path.stem
+        true_names = [k for k in names if naming.is_truth(stem) or naming.is_truth(k)]
+        measured = [k for k in names if k not in true_names and not naming.is_command(k)]
         own_tracks = _tracks(measured, time, table)
-        has_others = own_tracks or imu_keys(measured) or fix_keys(measured)
-        if not has_others and not ESTIMATED.search(table.path.stem.lower()):
+        has_others = own_tracks or naming.imu_keys(measured) or naming.fix_keys(measured)
+        if not has_others and not ESTIMATED.search(stem.lower()):
             true_names += measured
         tracks = tracks or own_tracks
         if tracks and tracks.yaw_rate in measured:
             measured.remove(tracks.yaw_rate)  # it is no gyro
         # Bare axes have the name of the file before them, as in "Gyroscope.x". The last name of an axis
         # counts: those of the first table come last.
-        stem, axes = table.path.stem, {*"xyz"}
-        full = [f"{stem}.{name}" if name in axes else name for name in measured]
+        full = [f"{stem}.{name}" if name in {*"xyz"} else name for name in measured]
         of_imu[time] = [*_with_gravity(full, table), *of_imu.get(time, [])]
         # On the globe: x and y could be odometry instead.
-        if fixes is None and (keys := fix_keys(measured)):
+        if fixes is None and (keys := naming.fix_keys(measured)):
             fixes = PoseColumns(**keys, **time._asdict())
         truth = truth or _truth(true_names, time)
     imus = (
         ImuColumns(**keys, **time._asdict())
         for time, names in of_imu.items()
-        if (keys := imu_keys(names))
+        if (keys := naming.imu_keys(names))
     )
     return None if main is None else ColumnMap(*main, tracks, next(imus, None), fixes, truth)
 
 
 def _with_gravity(names: Sequence[str], table: Table) -> list[str]:
     """Names without accelerations whose mean has no gravity, as of phones."""
-    forces = axes_of(names, ACCELEROMETER)
+    forces = naming.axes_of(names, naming.ACCELEROMETER)
     rows = table.numbers(forces) if len(forces) == 3 else np.zeros((0, 3))
     rows = rows[np.isfinite(rows).all(axis=1)]
     if not len(rows) or np.linalg.norm(rows.mean(axis=0)) > NO_GRAVITY:
@@ -125,10 +110,9 @@ def time_column_of(table: Table, known: str) -> str | None:
     if known in names:
         return known
     dates = [column.name for column in table.columns if column.kind.startswith("timestamp")]
-    exact = [name for name in names if TIME.match(plain_name(name))]
-    likely = [name for name in names if TIME_WORDS.search(plain_name(name))]
-    candidates = [*exact, *dates, *likely]
-    return candidates[0] if candidates else None
+    exact = [name for name in names if TIME.match(naming.plain_name(name))]
+    likely = [name for name in names if TIME_WORDS.search(naming.plain_name(name))]
+    return next(iter([*exact, *dates, *likely]), None)
 
 
 def _time_unit(table: Table, name: str) -> TimeUnit:
@@ -152,22 +136,22 @@ def _time_unit(table: Table, name: str) -> TimeUnit:
 
 def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | None:
     """Guess the columns of the track speeds; names with a word of speed are preferred."""
-    likely = [name for name in names if not NO_SPEED.search(name.lower())]
-    speeds = [name for name in likely if SPEED.search(name.lower())]
+    likely = [name for name in names if not naming.NO_SPEED.search(name.lower())]
+    speeds = [name for name in likely if naming.SPEED.search(name.lower())]
     # Names with no other quantity than their side, as `left_m_s`.
     bare_names = {name: re.sub("left|right", " ", name.lower()) for name in likely}
     words_of = {name: re.split(r"[^a-z]+", bare) for name, bare in bare_names.items()}
     bare = [name for name, words in words_of.items() if all(map(BARE.fullmatch, words))]
-    numbered = [name for name in likely if is_of_wheel(name) or "dist" in name.lower()]
+    numbered = [name for name in likely if naming.is_of_wheel(name) or "dist" in name.lower()]
     for names, are_named in ((speeds, True), (bare, True), (numbered, False)):
-        found = wheel_sides({name: name for name in names}, context="wheel")
-        if found is not None and found.are_named == are_named:
+        found = naming.wheel_sides({name: name for name in names}, context="wheel")
+        if found is not None and found.likelihood.are_named == are_named:
             break
     else:
-        twist = twist_names(likely)
+        twist = naming.twist_names(likely)
         return twist and TrackColumns(speed=twist[0], yaw_rate=twist[1], **time._asdict())
     left, right = found.left, found.right
-    keys = unit_of(left[0], unknown="m/s")
+    keys = naming.unit_of(left[0], unknown="m/s")
     if keys["unit"] == "counts":
         counts = table.numbers((*left, *right))
         keys["wrap"] = counter_range(counts)[0] if len(left) == 1 else None
@@ -176,6 +160,6 @@ def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | N
 
 def _truth(names: Sequence[str], time: _Time) -> PoseColumns | None:
     """Guess the columns of a truth's x, y and yaw; None without a position."""
-    x, y, yaw = (first_like(names, re.compile(rf"(?:^|[_.])(?:{name})$")) for name in POSE_NAMES)
-    unit: AngleUnit = "deg" if yaw and in_degrees(yaw) else "rad"
+    x, y, yaw = (naming.first_like(names, pattern) for pattern in POSE_NAMES)
+    unit: AngleUnit = "deg" if yaw and naming.in_degrees(yaw) else "rad"
     return PoseColumns(x=x, y=y, yaw=yaw, yaw_unit=unit, **time._asdict()) if x and y else None

@@ -12,13 +12,13 @@ from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_toml import toml_value
 from icreckon.replay.inspection.fix_wander import FixFit, FixWanderEstimate
-from icreckon.replay.inspection.guess_topics import PLACEHOLDER_SIGMA
 from icreckon.replay.inspection.gyro_bias import GyroBias
 from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
 from icreckon.replay.inspection.latency import objection
 from icreckon.replay.inspection.static_frames import STATIC, Mount
 from icreckon.replay.inspection.wheels import CLEAR_SIGN, NO_WHEELS, WheelEstimates, heading_offset
 from icreckon.replay.mapping.columns import ColumnMap
+from icreckon.replay.mapping.naming import PLACEHOLDER_SIGMA
 from icreckon.replay.mapping.topics import HeadingTopic, TopicMap, TrackTopic
 from icreckon.replay.reading.clocks import Choice
 

@@ -29,7 +29,7 @@ class Mount(NamedTuple):
 
 def static_mounts(surveys: Collection[Survey]) -> dict[str, Mount]:
     """Static poses of IMUs and receivers by topic, as far as the transforms show them."""
-    transforms = TransformStream("frames", "tf", "", "recording")
+    transforms = TransformStream("frames", "tf", source="", time="recording")
     for survey in surveys:
         topic = survey.channel.topic
         if survey.channel.msgtype in (TF, TF_ROS1) and topic.endswith(STATIC):

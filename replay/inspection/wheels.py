@@ -20,7 +20,7 @@ from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, running_integral
 from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.fix_wander import fit_fixes
-from icreckon.replay.inspection.guess_topics import sides
+from icreckon.replay.mapping.naming import sides
 from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.reading.conversions import STANDARD_GRAVITY
 from icreckon.replay.reading.stamps import true_runs

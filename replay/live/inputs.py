@@ -36,7 +36,7 @@ from icreckon.replay.reading.clocks import (
 )
 from icreckon.replay.reading.gather import wanted_streams
 from icreckon.replay.reading.message_rows import JointReader, pose_parts
-from icreckon.replay.reading.stream import Row, Stream, UnusableError, unreadable
+from icreckon.replay.reading.stream import Row, Stream, TopicReader, UnusableError, unreadable
 from icreckon.replay.reading.tf import TransformStream
 from icreckon.replay.reading.wheels import mean_of_sides
 
@@ -120,8 +120,8 @@ class LiveInputs:
         for purpose, stream in self._streams.items():
             types = () if stream.any_reader is not None else tuple(stream.readers)
             subscriptions += [
-                Subscription(purpose, topic, types, topic not in stream.needed)
-                for topic in stream.topics
+                Subscription(purpose, topic, types, not is_needed)
+                for topic, is_needed in stream.topics.items()
             ]
         return subscriptions
 
@@ -163,7 +163,7 @@ class LiveInputs:
         if isinstance(stream, TransformStream):
             arrived = self._transforms(stream, topic, msgtype, message, arrival)
         else:
-            arrived = self._arrived(stream.side(topic), msgtype, message, arrival)
+            arrived = self._read(stream.side(topic), msgtype, message, arrival)
         self.clock_step = 0
         arrived = [self._stamped(row) for row in arrived]
         if subscription.purpose in WATCHED:
@@ -199,26 +199,26 @@ class LiveInputs:
 
     # --- rows ------------------------------------------------------------------------------------
 
-    def _arrived(self, stream: Stream, msgtype: str, message: Any, arrival: int) -> list[_Arrived]:
+    def _read(self, side: TopicReader, msgtype: str, message: Any, arrival: int) -> list[_Arrived]:
         """Read a message to a list of one; to none if it has nothing that can be used."""
-        reader = stream.readers.get(msgtype, stream.any_reader)
+        purpose, reader = side.purpose, side.readers.get(msgtype, side.any_reader)
         if reader is None:
-            raise ReplayError(unreadable(stream.topic, [msgtype], stream.purpose, stream.readers))
+            raise ReplayError(unreadable(side.topic, [msgtype], purpose, side.readers))
         try:
             row = reader(message)
         except UnusableError as problem:
-            return self._lose(stream.purpose, str(problem))
+            return self._lose(purpose, str(problem))
         except (IndexError, ValueError):
-            return self._lose(stream.purpose, "cannot be read")
+            return self._lose(purpose, "cannot be read")
         if row is None:
             return []
         header = getattr(message, "header", None)
-        if header is not None and stream.purpose == "fixes":
+        if header is not None and purpose == "fixes":
             self.fix_frame = header.frame_id.removeprefix("/")
         stamp = None if header is None else stamp_of(header) or None  # 0 is no stamp
         if stamp is not None and self._is_left_over(stamp, arrival):
-            return self._lose(stream.purpose, "from before the clock went back")
-        return [_Arrived(stream.purpose, msgtype, stamp, arrival, row)]
+            return self._lose(purpose, "from before the clock went back")
+        return [_Arrived(purpose, msgtype, stamp, arrival, row)]
 
     def _transforms(
         self, stream: TransformStream, topic: str, msgtype: str, message: Any, arrival: int

@@ -16,7 +16,7 @@ from icreckon.estimator.log.body_velocities import body_velocities, of_twists
 from icreckon.estimator.log.measurements import BodyVelocity, HeightFix
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import Vehicle
-from icreckon.replay.bags.message_types import IMU, OF_A_BODY
+from icreckon.replay.bags.message_types import IMU
 from icreckon.replay.mapping.columns import HeadingColumns, ImuColumns, PoseColumns, TrackColumns
 from icreckon.replay.mapping.field_paths import field_reader
 from icreckon.replay.mapping.topics import (
@@ -27,7 +27,7 @@ from icreckon.replay.mapping.topics import (
     VelocityTopic,
 )
 from icreckon.replay.mapping.track_units import metres
-from icreckon.replay.reading.message_rows import TWIST, imu_row, planar_poses
+from icreckon.replay.reading.message_rows import BODY_READERS, TWIST, imu_row, planar_poses
 from icreckon.replay.reading.stream import Readers, Row, RowReader
 
 RADIANS = {"rad": 1.0, "deg": math.pi / 180.0}
@@ -154,8 +154,9 @@ class WheelValues(NamedTuple):
 
 
 def is_twist(msgtype: str, mapped: TrackTopic | TrackColumns) -> bool:
-    """Test for rows with the speed and yaw rate of the robot."""
-    return msgtype in OF_A_BODY or mapped.speed is not None
+    """Test for rows with speed and yaw rate of the robot, not a value of each wheel."""
+    # Wheels are always named, so a type without names is a twist, too.
+    return msgtype in BODY_READERS or not mapped.left
 
 
 def wheel_values(

@@ -13,13 +13,13 @@ import msgspec
 from icreckon.replay.bags.bag_files import BAG_SUFFIXES, Bag, over_bag
 from icreckon.replay.bags.decoding import Definitions, decoder
 from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRING
-from icreckon.replay.bags.table_files import TABLE_SUFFIXES, is_table
+from icreckon.replay.bags.table_files import TABLE_SUFFIXES, is_table, is_trajectory
 from icreckon.replay.base.errors import OF_ROBOT_FILE, NoRowsError, ReplayError, os_errors
 from icreckon.replay.mapping.field_paths import field_reader
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, FixTopic, TopicMap, TrackTopic, TruthTopic
 from icreckon.replay.reading import message_rows
 from icreckon.replay.reading.conversions import imu_readers, pose_rows
-from icreckon.replay.reading.stream import Stream
+from icreckon.replay.reading.stream import Stream, TopicReader
 from icreckon.replay.reading.tables import Table, table_streams, wanted_columns
 from icreckon.replay.reading.tf import TransformStream
 
@@ -47,6 +47,7 @@ class Gathered:
         self.found.update(of_file.found)
         for purpose, stream in of_file.streams.items():
             known = self.streams.get(purpose)
+            # Tables that lack columns are joined, unless one table has all of them: it is used alone.
             if known is None or (known.missing and not stream.missing):
                 self.streams[purpose] = stream
             elif known.missing or known.joins or not stream.missing:
@@ -82,14 +83,20 @@ def log_files(folder: Path) -> list[Path]:
     if not folder.is_dir() or (folder / "metadata.yaml").exists():
         return []
     with os_errors(folder, "cannot be read"):
-        names = sorted(file.name for file in folder.iterdir())
-    return [folder / name for name in names if name.lower().endswith(LOG_SUFFIXES)]
+        files = sorted(folder.iterdir(), key=lambda file: file.name)
+    return [file for file in files if _is_log_file(file)]
+
+
+def _is_log_file(file: Path) -> bool:
+    """Test a file of a folder by its name; a text must be a trajectory, not a note."""
+    is_named = file.name.lower().endswith(LOG_SUFFIXES)
+    return is_named or (is_table(file) and is_trajectory(file))
 
 
 def _parts_of(folder: Path) -> list[Path]:
     """Files of a folder with a table; none for bags alone, which `over_bag` opens."""
     files = log_files(folder)
-    has_table = any(file.name.lower().endswith(TABLE_SUFFIXES) for file in files)
+    has_table = any(not file.name.lower().endswith(BAG_SUFFIXES) for file in files)
     return files if has_table else []
 
 
@@ -214,7 +221,7 @@ def _of_bag(
     types = {channel.topic: channel.msgtype for channel in bag.counts}
     by_topic: dict[str, list[Stream]] = {}
     for stream in wanted_streams(mapping, str(path), definitions, types):
-        if not all(messages[topic] for topic in stream.needed):
+        if not all(messages[topic] for topic, is_needed in stream.topics.items() if is_needed):
             continue
         of_file.streams[stream.purpose] = stream
         for topic in stream.topics:
@@ -237,14 +244,15 @@ def wanted_streams(
     mapping: TopicMap, source: str, definitions: Definitions, types: dict[str, str]
 ) -> Iterator[Stream]:
     """Yield the streams of a mapping, still empty."""
+    shared: dict[str, Any] = {"source": source, "definitions": definitions}
 
-    def stream(purpose: str, topic: str, mapped: Any, readers: Any, other: Any = None) -> Stream:
-        return Stream(purpose, topic, source, mapped.time, readers, other, definitions)
+    def stream(purpose: str, topic: str, mapped: Any, *readers: Any) -> Stream:
+        return Stream(purpose, topic, *readers, time=mapped.time, **shared)
 
     def pose_stream(purpose: str, mapped: FixTopic | TruthTopic) -> Stream:
         if mapped.frames is not None:
-            tf_stream = partial(TransformStream, definitions=definitions, frames=mapped.frames)
-            return tf_stream(purpose, mapped.topic, source, mapped.time)
+            of_frames = partial(TransformStream, time=mapped.time, frames=mapped.frames)
+            return of_frames(purpose, mapped.topic, **shared)
         if isinstance(mapped, FixTopic) and mapped.names:
             by_field = field_reader(mapped.names, partial(pose_rows, mapped))
             return stream(purpose, mapped.topic, mapped, {}, by_field)
@@ -258,7 +266,7 @@ def wanted_streams(
             left_readers = message_rows.side_readers(left, 0, len(right), are_counters)
             right_readers = message_rows.side_readers(right, len(left), 0, are_counters)
             both = stream("tracks", tracks.topic, tracks, *left_readers)
-            both.second = stream("tracks", tracks.right_topic, tracks, *right_readers)
+            both.second = TopicReader("tracks", tracks.right_topic, *right_readers)
             return both
         readers = message_rows.track_readers(tracks.names, are_counters)
         by_field = tracks.names and types.get(tracks.topic) not in readers
@@ -271,7 +279,7 @@ def wanted_streams(
         readers, of_forces = imu_readers(imu)
         of_imu = stream("imu", imu.topic, imu, *readers)
         if imu.acceleration_topic is not None:
-            of_imu.second = stream("imu", imu.acceleration_topic, imu, *of_forces)
+            of_imu.second = TopicReader("imu", imu.acceleration_topic, *of_forces)
         yield of_imu
     if fixes := mapping.fixes:
         yield pose_stream("fixes", fixes)
@@ -297,7 +305,7 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
             if stream.purpose.startswith("truth ") and missing["truth"]:
                 continue  # a truth without poses is noted once, not for its twists and tracks
             texts = missing.setdefault(stream.purpose, [])
-            for topic in stream.needed:
+            for topic in (topic for topic, is_needed in stream.topics.items() if is_needed):
                 found = result.found.items()
                 counts = [count for name, count in found if name.split(" (")[0] == topic]
                 if not sum(counts):
@@ -326,13 +334,13 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
 def _left_out(result: Gathered) -> Iterator[str]:
     """Note an IMU that the robot file leaves out, and a receiver if it has no truth."""
     mapping = result.mapping
-    wanted = {IMU: ("an IMU", "imu", mapping.imu is None)}
-    no_positions = mapping.fixes is None and mapping.truth is None
-    wanted[NAVSATFIX] = ("position fixes", "fixes", no_positions)
+    uses = {IMU: ("an IMU", "imu")} if mapping.imu is None else {}
+    if mapping.fixes is None and mapping.truth is None:
+        uses[NAVSATFIX] = "position fixes", "fixes"
     for name in sorted(result.found):
         topic, _, msgtype = name.removesuffix(")").partition(" (")
-        use, purpose, is_missing = wanted.get(msgtype, ("", "", False))
-        if is_missing and result.found[name]:
+        if msgtype in uses and result.found[name]:
+            use, purpose = uses[msgtype]
             yield left_out(use, topic, purpose)
 
 

@@ -11,22 +11,21 @@ from icreckon.replay.bags import message_types as ros
 from icreckon.replay.mapping.field_paths import field_reader
 from icreckon.replay.reading.stream import ABSENT, NAN, Readers, Row, RowReader, UnusableError
 
+BODY_READERS: dict[str, RowReader] = {
+    ros.ODOMETRY: lambda message: _speeds(message.twist.twist),
+    ros.TWIST: lambda message: _speeds(message.twist),
+    ros.TWIST_WITH_COVARIANCE: lambda message: _speeds(message.twist.twist),
+}
+"""Rows forward speed [m/s] and yaw rate [rad/s] of the robot, by types that need no names."""
+
 
 def track_readers(joints: Sequence[str], positions: bool = False) -> dict[str, RowReader]:
-    """Build the row readers of track speeds, by message type.
+    """Build the row readers of track speeds: `BODY_READERS`, and that of JointState.
 
     Rows of JointState are the values of the left `joints`, then of the right ones, in the message's unit:
-    speeds, or `positions` (counts). Rows of Odometry and twists are the forward speed [m/s] and the yaw
-    rate [rad/s]. Without joints there is no reader of JointState.
+    speeds, or `positions` (counts). Without joints there is no reader of JointState.
     """
-    readers: dict[str, RowReader] = {
-        ros.ODOMETRY: lambda message: _speeds(message.twist.twist),
-        ros.TWIST: lambda message: _speeds(message.twist),
-        ros.TWIST_WITH_COVARIANCE: lambda message: _speeds(message.twist.twist),
-    }
-    if joints:
-        readers[ros.JOINT_STATE] = JointReader(joints, positions)
-    return readers
+    return BODY_READERS | ({ros.JOINT_STATE: JointReader(joints, positions)} if joints else {})
 
 
 class JointReader:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import product
@@ -89,52 +90,43 @@ class Rows:
 
 
 @dataclass
-class Stream:
-    """Rows gathered from one topic for one purpose."""
+class TopicReader:
+    """A topic with the readers of its messages, or the columns of a table."""
 
     purpose: str  # "tracks", "imu", "fixes", "truth", ...; also in counts of dropped samples
-    topic: str  # the topic
+    topic: str  # name of the topic, or of the columns
+    # by message type: from a message to a row of numbers, or to None if it is not of the stream
+    readers: Mapping[str, RowReader] = field(default_factory=dict)
+    any_reader: RowReader | None = None  # reader of all other types; None to refuse them
+    msgtype: str = ""  # the type that was found, "" before the first message
+
+
+@dataclass(kw_only=True)
+class Stream(TopicReader):
+    """Rows gathered for one purpose: from a topic, maybe a second one, or tables."""
+
     source: str  # name of the bag, for messages
     time: Clock  # requested clock of the stamps
-    # for each supported message type, the reader from a message to a row of numbers, or to None for
-    # a message that is not of this stream
-    readers: Mapping[str, RowReader]
-    any_reader: RowReader | None = None  # reader of all other types; None to refuse them
+    # topic of the right side, or of an IMU's accelerations: rows have NaN for what the other topic has
+    second: TopicReader | None = None
     definitions: Definitions = ()  # definitions of message types that the bag may lack
-    msgtype: str = ""  # the type that was found, "" before the first message
     from_table: bool = False  # whether the rows come from a table
-    lost: dict[str, int] = field(default_factory=dict)  # numbers of unusable messages, by reason
+    lost: Counter[str] = field(default_factory=Counter)  # numbers of unusable messages, by reason
     notes: list[str] = field(default_factory=list)  # findings about the stream, for the user
-    # stream of the second topic, of the right side or of an IMU's accelerations: rows have NaN for what
-    # the other topic has
-    second: Stream | None = None
-    # columns of a table that other tables have, each with rows of its own: NaN here
-    missing: set[str] = field(default_factory=set)
-    joins: list[int] = field(default_factory=list)  # last rows of such tables
+    missing: set[str] = field(default_factory=set)  # mapped columns that all its tables lack
+    joins: list[int] = field(default_factory=list)  # last row before each joined table
     _decode: dict[Channel, Callable[[bytes], Any]] = field(default_factory=dict)
     _rows: Rows = field(default_factory=Rows)
-    _headless: int = 0
-    _parts: list[Span] = field(default_factory=list)
-
-    def _spans(self) -> list[Span]:
-        """Start and end of the stream in each file."""
-        recorded = self._rows.recorded
-        if self._parts or not recorded:
-            return self._parts
-        return [Span(min(recorded), max(recorded), self.source)]
+    _headless: int = 0  # number of messages without a header
+    _spans: list[Span] = field(default_factory=list)  # of each file, once there are several
 
     @property
-    def topics(self) -> tuple[str, ...]:
-        """Topics from which the stream is read."""
-        return self.needed
+    def topics(self) -> dict[str, bool]:
+        """Topics that are read, and whether there is no stream without them."""
+        return {side.topic: True for side in (self, self.second) if side is not None}
 
-    @property
-    def needed(self) -> tuple[str, ...]:
-        """Topics without which there is no stream."""
-        return (self.topic,) if self.second is None else (self.topic, self.second.topic)
-
-    def side(self, topic: str) -> Stream:
-        """Stream whose readers are those of a topic."""
+    def side(self, topic: str) -> TopicReader:
+        """Readers of one of the topics."""
         return self if self.second is None or topic == self.topic else self.second
 
     def take(self, record: Record) -> None:
@@ -158,7 +150,7 @@ class Stream:
     def lose(self, reason: str, count: int = 1) -> None:
         """Count unusable messages."""
         if count:
-            self.lost[reason] = self.lost.get(reason, 0) + count
+            self.lost[reason] += count
 
     def extend(self, other: Stream) -> None:
         """Append a stream of the same purpose from another file.
@@ -171,19 +163,27 @@ class Stream:
                 f"{self.purpose} are of type {self.msgtype!r} in {self.source}, and of type "
                 f"{other.msgtype!r} in {other.source}; one log has them of one type"
             )
+        spans, other_spans = self._spans_of_files(), other._spans_of_files()
+        # Tables with other columns cover the same time; other files are parts, one after the other.
         if not (self.missing or other.missing):
-            for span, other_span in product(self._spans(), other._spans()):
+            for span, other_span in product(spans, other_spans):
                 _check_parts_of_one_log(self.purpose, span, other_span)
         elif self._rows.recorded and other._rows.recorded:
             self.joins.append(len(self._rows.recorded) - 1)
         self.missing &= other.missing
-        self._parts = [*self._spans(), *other._spans()]
+        self._spans = [*spans, *other_spans]
         self.msgtype = self.msgtype or other.msgtype
-        for reason, count in other.lost.items():
-            self.lose(reason, count)
+        self.lost.update(other.lost)
         self.notes.extend(note for note in other.notes if note not in self.notes)
         self._rows.extend(other._rows)
         self._headless += other._headless
+
+    def _spans_of_files(self) -> list[Span]:
+        """Start and end of the stream in each file that has rows of it."""
+        recorded = self._rows.recorded
+        if self._spans or not recorded:
+            return self._spans
+        return [Span(min(recorded), max(recorded), self.source)]
 
     def add(self, stamps: Stamps, rows: Floats) -> None:
         """Add (n,) stamps [ns] and (n, k) rows that do not come from messages."""
@@ -216,7 +216,7 @@ class Stream:
         rows = np.array(gathered.values, dtype=float)
         order = np.argsort(recorded, kind="stable")
         apart = np.diff(recorded)
-        apart[self.joins] = 0
+        apart[self.joins] = 0  # joined tables begin at the same time
         if self.from_table and (back := int((apart < 0).sum())):
             row = int(apart.argmin())
             seconds = -int(apart[row]) * NANOSECOND
@@ -225,22 +225,21 @@ class Stream:
                 restart = f"set them back by {seconds:.1f} s after row {row + 1}"
                 note += f"; if a restart {restart}, cut the file there"
             self.notes.append(note)
-        stamps = stamped if clock == "header" else recorded
+        rows = rows.reshape(len(recorded), -1) if len(recorded) else np.empty((0, 0))
+        recorded, stamped, rows = recorded[order], stamped[order], rows[order]
+        stamps = recorded
         if clock == "header":
             missing = "messages have no header" if self._headless else ""
-            if len(stamps) > 1 and not stamps.any():
+            if len(stamped) > 1 and not stamped.any():
                 missing = missing or "header stamps are all zero"
             if missing:
                 raise ReplayError(
                     f"{self.source}: topic {self.topic!r}: the {missing}; "
                     'set time = "recording" for it in the robot file'
                 )
-        rows = rows.reshape(len(stamps), -1) if len(stamps) else np.empty((0, 0))
-        stamps, rows = stamps[order], rows[order]
-        if clock == "header":
-            stamps, steps = without_steps(stamps, recorded[order])
+            stamps, steps = without_steps(stamped, recorded)
             for place, step in steps:
-                seconds = (int(recorded[order[place]]) - int(recorded[order[0]])) * NANOSECOND
+                seconds = (int(recorded[place]) - int(recorded[0])) * NANOSECOND
                 self.notes.append(
                     f"the clock of {self.purpose} was set {'forward' if step > 0 else 'back'} by "
                     f"{abs(step):.2f} s, {seconds:.0f} s after the start; its stamps go on by the old one"

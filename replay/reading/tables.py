@@ -290,8 +290,8 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         values = table.numbers(names)
         has_value = ~np.isnan(values).all(axis=1)
         is_kept = has_value & timed
-        stream = Stream(purpose, f"columns {', '.join(names)}", str(table.path), "auto", {})
-        stream.from_table = True
+        label, source = f"columns {', '.join(names)}", str(table.path)
+        stream = Stream(purpose, label, source=source, time="auto", from_table=True)
         stream.missing = set(names) - there
         stream.lose("no time", int((has_value & ~timed).sum()))
         column, kept = f"{table.path.name}: column {time!r}", stamps[is_kept]

@@ -36,7 +36,7 @@ def _unread(_: Any) -> None:
 TRANSFORM_READERS = {TF: _unread, TF_ROS1: _unread, TRANSFORM: _unread}
 
 
-@dataclass
+@dataclass(kw_only=True)
 class TransformStream(Stream):
     """Poses of one frame in another, from a tf topic and its `_static` companion."""
 
@@ -46,9 +46,9 @@ class TransformStream(Stream):
     _static: dict[Link, Floats] = field(default_factory=dict)
 
     @property
-    def topics(self) -> tuple[str, ...]:
-        """The topic and its static companion."""
-        return (self.topic, f"{self.topic}_static")
+    def topics(self) -> dict[str, bool]:
+        """The topic, and its static companion, which a bag may lack."""
+        return {self.topic: True, f"{self.topic}_static": False}
 
     def extend(self, other: Stream) -> None:
         """Append a stream of the same purpose from another file."""

@@ -14,7 +14,7 @@ from icreckon.estimator.log import series
 from icreckon.estimator.log.log import Log, screen
 from icreckon.estimator.log.measurements import BodyVelocity, HeadingFix, HeightFix, Measurement
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX, OF_A_BODY
+from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
 from icreckon.replay.base.errors import OF_ROBOT_FILE, OF_STAMPS, ApartError, ReplayError
 from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
@@ -158,9 +158,8 @@ class _Assembly:
 
     def _find_overlaid(self, stamps: list[Stamps]) -> None:
         """Find when the recorder's clock was set back: tracks and IMU at twice their rate."""
-        if len(stamps) < len(OVERLAID):
-            return
-        self._overlaid = in_both(*map(doubled_times, stamps))
+        if len(stamps) == len(OVERLAID):
+            self._overlaid = in_both(*map(doubled_times, stamps))
         for begin, end in self._overlaid:
             self.notes.append(
                 f"for {(end - begin) * NANOSECOND:.1f} s there are twice as many track speeds and IMU "
@@ -176,50 +175,52 @@ class _Assembly:
             keep, reasons = screen(stream.purpose, stamps, values, positive=positive)
         self.dropped.update(reasons)
         if not keep.any():
-            losses = "".join(f", {count} x {reason}" for reason, count in reasons.items())
-            losses += "".join(f", {count} x {reason}" for reason, count in stream.lost.items())
+            lost = *reasons.items(), *stream.lost.items()
+            losses = "".join(f", {count} x {reason}" for reason, count in lost)
             self.notes.append(
                 f"{OF_ROBOT_FILE}no usable message for {stream.purpose} on topic {stream.topic!r}{losses}"
             )
         return keep
 
-    def _tracks(self, stream: Stream) -> series.TrackSpeedSeries | None:
-        """Track speeds, measured or true; None if no true ones are usable."""
-        vehicle, spec, is_truth = self.robot.vehicle, self._spec(stream), stream.purpose != "tracks"
+    def _tracks(self, stream: Stream) -> series.TrackSpeedSeries:
+        """Measured track speeds; a ReplayError if none is usable."""
+        vehicle, spec = self.robot.vehicle, self._spec(stream)
         width = 2 if conversions.is_twist(stream.msgtype, spec) else len(spec.names)
         stamps, rows = self._arrays(stream, width)
-        if is_truth:
-            signed = rows * spec.signs * vehicle.sprocket_radius
-            wheels = conversions.WheelValues(signed, len(spec.left))
-        else:
-            wheels = conversions.wheel_values(rows, stream.msgtype, spec, vehicle)
+        wheels = conversions.wheel_values(rows, stream.msgtype, spec, vehicle)
+        self.notes += _wrap_notes(rows, spec)
+        if stream.msgtype in message_rows.BODY_READERS and spec.names:
+            what = f"{stream.msgtype} has one speed and a yaw rate"
+            ignored = "speed and yaw_rate" if spec.speed else "left and right"
+            self.notes.append(f"{OF_ROBOT_FILE}{ignored} of [log.tracks] are ignored: {what}")
         stamps, values = interpolated(stamps, wheels.values, wheels.wrap)
         keep = self._screened(stream, stamps, values)
         stamps, values = stamps[keep], values[keep]
-        if not is_truth:
-            self.notes += _wrap_notes(rows, spec)
-            if stream.msgtype in OF_A_BODY and spec.names:
-                what = f"{stream.msgtype} has one speed and a yaw rate"
-                ignored = "speed and yaw_rate" if spec.speed else "left and right"
-                self.notes.append(f"{OF_ROBOT_FILE}{ignored} of [log.tracks] are ignored: {what}")
-        fastest = vehicle.max_track_speed
         if wheels.are_counters and len(stamps):
             has_scale = spec.counts_per_turn != ANY_COUNTS
-            most = fastest if has_scale else math.inf
+            most = vehicle.max_track_speed if has_scale else math.inf
             stamps, values, lost = differences(stamps, values, wheels.wrap, most)
-            for reason, count in lost.items():
-                stream.lose(reason, count)
+            stream.lost.update(lost)
             if not len(stamps):
-                note = f"no usable difference for {stream.purpose} on topic {stream.topic!r}"
-                self.notes.append(note)
-        if len(stamps):
-            tracks, notes = of_sides(stamps, values, wheels.left_count, spec.names, fastest)
-            self.notes += [] if is_truth else notes
-            return tracks
-        if is_truth:
-            return None
-        reason = self.notes[-1].removeprefix(OF_ROBOT_FILE)
-        raise ReplayError(f"{stream.source}: {reason}{self._joints_hint(stream)}")
+                self.notes.append(f"no usable difference for tracks on topic {stream.topic!r}")
+        if not len(stamps):
+            reason = self.notes[-1].removeprefix(OF_ROBOT_FILE)
+            raise ReplayError(f"{stream.source}: {reason}{self._joints_hint(stream)}")
+        left_count, fastest = wheels.left_count, vehicle.max_track_speed
+        tracks, notes = of_sides(stamps, values, left_count, spec.names, fastest)
+        self.notes += notes
+        return tracks
+
+    def _true_tracks(self, stream: Stream) -> series.TrackSpeedSeries | None:
+        """True track speeds, of the joints of the measured ones; None if none is usable."""
+        vehicle, spec = self.robot.vehicle, self._spec(stream)
+        stamps, rows = self._arrays(stream, len(spec.names))
+        speeds = rows * spec.signs * vehicle.sprocket_radius
+        stamps, speeds = interpolated(stamps, speeds, wrap=None)
+        keep = self._screened(stream, stamps, speeds)
+        usable, left_count, fastest = speeds[keep], len(spec.left), vehicle.max_track_speed
+        tracks, _ = of_sides(stamps[keep], usable, left_count, spec.names, fastest)
+        return tracks if keep.any() else None
 
     def _joints_hint(self, stream: Stream) -> str:
         """Text on the wanted and the found joints of a stream; "" for other types."""
@@ -320,9 +321,8 @@ class _Assembly:
     def _velocities(self, stream: Stream) -> tuple[BodyVelocity, ...]:
         stamps, rows = self._arrays(stream, message_rows.POSE_WIDTH)
         is_twist = bool(np.isnan(rows[:, 0]).all())
-        keep = self._screened(
-            stream, stamps, rows[:, message_rows.TWIST if is_twist else [0, 1, 2, 5]]
-        )
+        columns = message_rows.TWIST if is_twist else [0, 1, 2, 5]
+        keep = self._screened(stream, stamps, rows[:, columns])
         return tuple(conversions.velocities(stamps[keep], rows[keep], self._spec(stream)))
 
     def _truth(self, stream: Stream, streams: dict[str, Stream]) -> series.Truth | None:
@@ -355,7 +355,7 @@ class _Assembly:
         return series.Truth(
             poses=series.PoseSeries(stamps[keep], poses[keep], spatial),
             twists=body,
-            tracks=self._tracks(true_tracks) if true_tracks else None,
+            tracks=self._true_tracks(true_tracks) if true_tracks else None,
             source=self.gathered.truth_source or spec.source or stream.topic,
             headings=headings,
         )

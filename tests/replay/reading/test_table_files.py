@@ -12,6 +12,7 @@ from pyarrow import csv, parquet
 import bag_messages
 from icreckon import HeadingFix, Log, ReplayError, Robot, inspect, read_log
 from icreckon.replay.mapping.topics import topic_map
+from icreckon.replay.reading.gather import as_paths, log_files
 
 START = 1_700_000_000_123_456_789
 
@@ -153,6 +154,20 @@ def test_a_trajectory_is_a_truth(tmp_path: Path, name: str) -> None:
     np.testing.assert_allclose(found.poses, np.column_stack([[1.0, 1.5], [2.0, 2.5], yaws]))
     with pytest.raises(ReplayError, match=f"{name}: the trajectory cannot be read: .* row"):
         read_log([tracks, write(tmp_path / name, f"{poses}1.7 2 3\n")], robot)
+
+
+def test_texts_of_a_folder_are_read_if_they_are_trajectories(tmp_path: Path) -> None:
+    tracks = write(tmp_path / "tracks.csv", "t,l,r\n1.5,0.1,0.2\n1.6,0.3,0.4\n")
+    poses = "1.5 1 2 9 0 0 0.6 0.8\n1.6 1.5 2.5 9 0 0 0.8 0.6\n"
+    truth = write(tmp_path / "GroundTruth.TXT", f"# timestamp tx ty tz qx qy qz qw\n{poses}")
+    write(tmp_path / "README.txt", "Recorded on grass.\n")
+    write(tmp_path / "notes.txt", "1 2 3\n")
+    write(tmp_path / "empty.txt", "")
+    (tmp_path / "more.txt").mkdir()
+    assert log_files(tmp_path) == as_paths(tmp_path) == [truth, tracks]
+    poses_of_file = {"x": "true_x", "y": "true_y", "yaw": "true_yaw", "time": "time"}
+    log = read_log(tmp_path, robot_with(tracks=SPEEDS, truth=poses_of_file))
+    np.testing.assert_array_equal(log.truth.poses.stamps, log.tracks.stamps)
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "named otherwise"])

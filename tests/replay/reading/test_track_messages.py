@@ -8,9 +8,20 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 import bag_messages as made
-from bag_messages import JOINTS, SECOND, STORE, T, drive_bag, joints, robot_with, write_bag
+from bag_messages import (
+    JOINTS,
+    SECOND,
+    STORE,
+    T,
+    drive_bag,
+    joints,
+    odometry,
+    robot_with,
+    write_bag,
+)
 from icreckon import Log, ReplayError, read_log
 from icreckon.replay.bags.decoding import read_definitions
+from icreckon.replay.reading.message_rows import BODY_READERS
 
 
 def read(path: Path, **tracks: object) -> Log:
@@ -22,6 +33,25 @@ def test_fields_of_a_type_of_ones_own(tmp_path: Path) -> None:
     log = read(path, left=["wheels[0].rate"], right=["wheels[1].rate"])
     np.testing.assert_allclose(log.tracks.speeds, [[0.5, 1.0]] * 3)
     np.testing.assert_array_equal(log.tracks.stamps, [SECOND, 2 * SECOND, 3 * SECOND])
+
+
+def test_a_type_with_a_row_among_the_readers_needs_no_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def speed_and_yaw_rate(message):
+        return message.wheels[0].rate, message.wheels[1].rate
+
+    monkeypatch.setitem(BODY_READERS, made.KIND, speed_and_yaw_rate)
+    speed, half_turn = 1.0, 0.5 * made.VEHICLE.track_gauge * 2.0
+    log = read(drive_bag(tmp_path / "bag", made.DRIVES))
+    np.testing.assert_allclose(log.tracks.speeds, [[speed - half_turn, speed + half_turn]] * 3)
+
+
+def test_an_odometry_without_a_speed_is_refused_for_that(tmp_path: Path) -> None:
+    """The names of joints, which it ignores, are another matter."""
+    path = write_bag(tmp_path / "bag", [("/js", odometry(SECOND, np.nan, 0.0))])
+    with pytest.raises(ReplayError, match="no usable message for tracks on topic '/js'"):
+        read_log(path, robot_with(tracks=JOINTS))
 
 
 def test_an_array_that_is_too_short_is_counted(tmp_path: Path) -> None:
