@@ -159,7 +159,7 @@ def test_replays_stream_it_and_lanes_and_studies_refuse_it():
     assert list(found) == [OWN, SHIPPED, OWN + SMOOTHED, SHIPPED + SMOOTHED]
     with pytest.raises(BatchError, match="'fast-turns-online' cannot run side by side"):
         run_many([log], ALPHA, OWN)
-    with pytest.raises(SimulationError, match="'fast-turns-online' has a motion model of its own"):
+    with pytest.raises(SimulationError, match="'fast-turns-online' has one of its own"):
         FilterSpec(variant=OWN)
 
 
