@@ -7,8 +7,10 @@ import sys
 import sysconfig
 import time
 import venv
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +38,7 @@ os.environ.pop("COLUMNS", None)
 settings.register_profile("same-examples", derandomize=True, database=None, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same-examples"))
 LONG = (
-    "test_live_ros.py", "test_how_to.py", "test_pages.py", "test_fresh_cache.py",
+    "test_live_ros.py", "test_live_settings.py", "test_how_to.py", "test_pages.py", "test_fresh_cache.py",
     "test_c_hostile.py", "test_readme.py", "test_calibrate_command.py", "test_ros2.py",
     "test_sample_logs.py", "test_cortex_m.py", "test_c_day.py", "test_c_agreement.py",
     "test_agreement.py", "test_calibrate.py", "test_compiled.py", "test_study_engines.py",
@@ -109,31 +111,72 @@ def evo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     found = shutil.which("evo_traj")
     if found is not None:
         return Path(found).parent
+    folder, problem = once(tmp_path_factory, "evo", _install_evo)
+    if problem:
+        pytest.skip(f"evo is not on the path, and pip cannot install it: {problem.strip()[-200:]}")
+    return folder / "venv" / "bin"
+
+
+def _install_evo(folder: Path) -> str:
+    """Install evo; return why that fails, empty if it works."""
+    # It sees the packages of the tests, so that pip adds only what these lack.
+    venv.create(folder / "venv", with_pip=False)
+    (packages,) = (folder / "venv" / "lib").glob("*/site-packages")
+    (packages / "tests.pth").write_text(sysconfig.get_paths()["purelib"], encoding="utf-8")
+    command = [sys.executable, "-m", "pip", "--python", folder / "venv" / "bin" / "python"]
+    command += ["install", "-q", "evo"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.stderr if done.returncode else ""
+
+
+@pytest.fixture(scope="session")
+def ros(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Environment of processes of ROS 2: a domain of their own, tf2_msgs built where missing."""
+    if find_spec("rclpy") is None:
+        pytest.skip("no ROS 2: pip install -e '.[ros2-test]', or source a ROS 2")
+    environment = os.environ | {
+        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_LOG_DIR": str(tmp_path_factory.mktemp("ros") / "log"),
+        "PYTHONUNBUFFERED": "1",
+    }
+    if find_spec("tf2_msgs") is None:
+        if not (shutil.which("gcc") and shutil.which("g++")):
+            pytest.skip("no compiler to build tf2_msgs with, which the ROS 2 wheels lack")
+        folder, problem = once(tmp_path_factory, "tf2_msgs", _build_tf2_msgs)
+        assert not problem
+        before = environment.get("PYTHONPATH")
+        environment["PYTHONPATH"] = os.pathsep.join([str(folder), *([before] if before else [])])
+    return environment
+
+
+def _build_tf2_msgs(folder: Path) -> str:
+    """Build the messages; return why that fails, empty if it works."""
+    command = [sys.executable, REPOSITORY / "tests" / "ros2_tf2_msgs.py", folder]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.stderr if done.returncode else ""
+
+
+def once(
+    tmp_path_factory: pytest.TempPathFactory, name: str, make: Callable[[Path], str]
+) -> tuple[Path, str]:
+    """A folder that one worker makes for all, and why that failed, empty if it worked."""
     root = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         root = root.parent
-    programs, result = root / "evo" / "venv" / "bin", root / "evo" / "problem.txt"
+    folder, result = root / name, root / f"{name}.problem"
     try:
-        (root / "evo").mkdir()
+        folder.mkdir()
     except FileExistsError:
-        # Another worker installs it.
+        # Another worker makes it.
         deadline = time.monotonic() + 300.0
         while not result.exists() and time.monotonic() < deadline:
             time.sleep(0.1)
     else:
-        # It sees the packages of the tests, so that pip adds only what these lack.
-        venv.create(programs.parent, with_pip=False)
-        (packages,) = (programs.parent / "lib").glob("*/site-packages")
-        (packages / "tests.pth").write_text(sysconfig.get_paths()["purelib"], encoding="utf-8")
-        command = [sys.executable, "-m", "pip", "--python", programs / "python"]
-        command += ["install", "-q", "evo"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
         unfinished = result.with_suffix(".part")
-        unfinished.write_text(done.stderr if done.returncode else "", encoding="utf-8")
+        unfinished.write_text(make(folder), encoding="utf-8")
         unfinished.replace(result)
-    if problem := result.read_text(encoding="utf-8"):
-        pytest.skip(f"evo is not on the path, and pip cannot install it: {problem.strip()[-200:]}")
-    return programs
+    return folder, result.read_text(encoding="utf-8")
 
 
 def holed(log: Log, begin: int, end: int, tracks_end: int | None = None) -> Log:

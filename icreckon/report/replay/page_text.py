@@ -15,8 +15,8 @@ from icreckon.report.printable import change, change_range
 CHECK_HINT = "icreckon check says what each of these costs, and what to set"
 
 NEES = ("nees_pose_mean", "nees_position_mean")
-# Share of the least drift from which noise of the truth is named, and ratio of the errors at the end.
-MUCH_NOISE, TENFOLD = 0.4, 10.0
+# Share of the least drift from which noise of the truth is named; ratios of the errors at the end.
+MUCH_NOISE, CLEAR, TENFOLD = 0.4, 1.5, 10.0
 LEAST_END_ERROR = 1.0  # smaller errors at the end are not compared [m]
 
 
@@ -67,9 +67,17 @@ def noise_text(results: Results) -> str:
 
 
 def ends_text(results: Results) -> str:
-    """Least and largest position error at the end, if they differ tenfold."""
+    """Position errors at the end, if they differ tenfold, or contradict the verdict."""
     errors = _known(results["variants"], "final_position_error_m")
-    if not errors or max(errors.values()) < max(LEAST_END_ERROR, TENFOLD * min(errors.values())):
+    best = (results["verdict"] or {}).get("best")
+    if not errors:
+        return ""
+    if errors.get(best) == max(errors.values()) > max(LEAST_END_ERROR, CLEAR * min(errors.values())):
+        return (
+            f"At the end {best} is the farthest off, {number(errors[best])} m: that is the error of the "
+            "whole path; drift begins at zero in each segment."
+        )
+    if max(errors.values()) < max(LEAST_END_ERROR, TENFOLD * min(errors.values())):
         return ""
     ordered = sorted((error, name) for name, error in errors.items())
     least, largest = (
@@ -198,9 +206,14 @@ def has_yaw_errors(results: Results) -> bool:
 
 
 def failures(results: Results) -> list[str]:
-    """Variants without a result, each with its reason."""
-    failed = results["failed"].items()
-    return [f"ERROR: {name} has no result: {failure['reason']}" for name, failure in failed]
+    """Variants without a result, those of one reason together."""
+    names: dict[str, list[str]] = {}
+    for name, failure in results["failed"].items():
+        names.setdefault(failure["reason"], []).append(name)
+    return [
+        f"ERROR: {', '.join(of)} {'have' if len(of) > 1 else 'has'} no result: {reason}"
+        for reason, of in names.items()
+    ]
 
 
 def remarks(results: Results) -> list[str]:
