@@ -72,7 +72,11 @@ def ends_text(results: Results) -> str:
     best = (results["verdict"] or {}).get("best")
     if not errors:
         return ""
-    if errors.get(best) == max(errors.values()) > max(LEAST_END_ERROR, CLEAR * min(errors.values())):
+    if (
+        errors.get(best)
+        == max(errors.values())
+        > max(LEAST_END_ERROR, CLEAR * min(errors.values()))
+    ):
         return (
             f"At the end {best} is the farthest off, {number(errors[best])} m: that is the error of the "
             "whole path; drift begins at zero in each segment."

@@ -19,6 +19,7 @@ from icreckon import Comparison, ReplayError, Scenario, compare, load_robot, sim
 from icreckon.replay.comparison import plot_series
 from icreckon.replay.comparison.results import write_results
 from icreckon.report.printable import change
+from icreckon.report.replay.figures import write_figure
 from icreckon.report.replay.folder import write_views
 from icreckon.report.replay.page import replay_page
 from icreckon.report.replay.page_charts import constant_parameters, page_data
@@ -68,6 +69,15 @@ def page(results: dict[str, Any]) -> str:
 
 
 # --- without a browser ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("suffix", "begins"), [("pdf", b"%PDF-"), ("svg", b"<?xml")])
+def test_the_figure_is_drawn_as_vectors_too(
+    suffix: str, begins: bytes, comparison: Comparison, tmp_path: Path
+) -> None:
+    path = tmp_path / f"figure.{suffix}"
+    write_figure(path, summarise(comparison, ROBOT))
+    assert path.read_bytes().startswith(begins)
 
 
 def test_the_page_is_made_of_results_json_and_nothing_else(tmp_path, results, page):
