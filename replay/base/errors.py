@@ -25,6 +25,7 @@ def os_errors(path: Path, what: str) -> Iterator[None]:
 
 
 OF_STAMPS = "stamps: "  # first words of the notes on coarse stamps, which come before all else
+OF_LEFT_OUT = "the log holds "  # first words of the notes on streams that the robot file leaves out
 OF_ROBOT_FILE = "robot file: "  # first words of the notes on a log that contradict the robot file
 
 

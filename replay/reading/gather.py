@@ -14,7 +14,13 @@ from icreckon.replay.bags.bag_files import BAG_SUFFIXES, Bag, over_bag
 from icreckon.replay.bags.decoding import Definitions, decoder
 from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRING
 from icreckon.replay.bags.table_files import TABLE_SUFFIXES, is_table, is_trajectory
-from icreckon.replay.base.errors import OF_ROBOT_FILE, NoRowsError, ReplayError, os_errors
+from icreckon.replay.base.errors import (
+    OF_LEFT_OUT,
+    OF_ROBOT_FILE,
+    NoRowsError,
+    ReplayError,
+    os_errors,
+)
 from icreckon.replay.mapping.field_paths import field_reader
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, FixTopic, TopicMap, TrackTopic, TruthTopic
 from icreckon.replay.reading import message_rows
@@ -347,6 +353,6 @@ def _left_out(result: Gathered) -> Iterator[str]:
 def left_out(use: str, topic: str, stream: str) -> str:
     """Hint at a topic that a robot file leaves out."""
     return (
-        f"the log holds {use} on {topic}, which the file leaves out: "
+        f"{OF_LEFT_OUT}{use} on {topic}, which the file leaves out: "
         f'topic = "{topic}" in [log.{stream}], see icreckon inspect'
     )

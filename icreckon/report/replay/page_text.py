@@ -5,7 +5,7 @@ from itertools import combinations
 from typing import Any
 
 from icreckon.estimator.streaming.smoother import SMOOTHED
-from icreckon.replay.base.errors import OF_ROBOT_FILE
+from icreckon.replay.base.errors import OF_LEFT_OUT, OF_ROBOT_FILE
 from icreckon.replay.comparison.fixes import OF_FIXES
 from icreckon.replay.comparison.known_bias import GYRO
 from icreckon.replay.comparison.results import Results
@@ -69,7 +69,7 @@ def noise_text(results: Results) -> str:
 def ends_text(results: Results) -> str:
     """Position errors at the end, if they differ tenfold, or contradict the verdict."""
     errors = _known(results["variants"], "final_position_error_m")
-    best = (results["verdict"] or {}).get("best")
+    best = str((results["verdict"] or {}).get("best"))
     if not errors:
         return ""
     if (
@@ -221,9 +221,11 @@ def failures(results: Results) -> list[str]:
 
 
 def remarks(results: Results) -> list[str]:
-    """Caveats of the verdict; none if there is no verdict on drift."""
+    """Caveats of the verdict; without a truth, the streams that may give one."""
     verdict = results["verdict"]
-    if not results["truth"] or verdict is None:
+    if not results["truth"]:
+        return [note for note in results["log"]["notes"] if note.startswith(OF_LEFT_OUT)]
+    if verdict is None:
         return []
     best, perhaps_equal = verdict["best"], verdict["not_shown_worse"]
     lines = []

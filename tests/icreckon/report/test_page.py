@@ -71,6 +71,13 @@ def page(results: dict[str, Any]) -> str:
 # --- without a browser ---------------------------------------------------------------------------
 
 
+def test_without_a_truth_the_streams_that_are_left_out_come_first(blind: dict[str, Any]) -> None:
+    note = "the log holds position fixes on /fix, which the file leaves out"
+    told = {**blind, "log": {**blind["log"], "notes": ["another", note]}}
+    assert remarks(told) == [note]
+    assert replay_page(told).index(note) < replay_page(told).index("another")
+
+
 @pytest.mark.parametrize(("suffix", "begins"), [("pdf", b"%PDF-"), ("svg", b"<?xml")])
 def test_the_figure_is_drawn_as_vectors_too(
     suffix: str, begins: bytes, comparison: Comparison, tmp_path: Path
