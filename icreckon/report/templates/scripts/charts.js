@@ -1,7 +1,7 @@
 // Charts over time or distance: lines, bands, points. Their range and their cursor are common to all.
 "use strict";
 const Charts = (() => {
-  const MARGIN = { left: 66, right: 12, top: 8, bottom: 38 };
+  const MARGIN = { left: 78, right: 12, top: 8, bottom: 38 };
   // Thickness of the stripe at the edge of a chart that stands for a band beyond it [px].
   const STRIPE = 3;
   // Size of a band, in sizes of the chart, from which it would only fill it.
