@@ -176,7 +176,7 @@ def has_gaps(one: Run) -> bool:
 
 
 # Those of the guide, so that their filter is compiled once for all tests.
-CONSIDERED = ("eta0", "gyro_scale")
+CONSIDERED = ("eta0", "gyro_bias")
 WANDERING = Settings(wander=FixWander(1.2, 60.0))
 PATIENT = Settings(gates=GateSettings(patience=8))
 ALONG = robot_with("vehicle", centre_of_mass=(0.04, 0.015, 0.3))

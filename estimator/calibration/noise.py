@@ -181,8 +181,8 @@ def _solve_banded(bands: Floats, columns: Floats) -> tuple[Floats, Floats]:
     # By LAPACK: checks and wrappers of scipy's functions take longer than they do.
     from scipy.linalg.lapack import dpbsv
 
-    factor, solved, failed = dpbsv(bands, columns.reshape(len(columns), -1), lower=True)
-    if failed:
+    factor, solved, failed = dpbsv(bands, columns, lower=True)
+    if failed or not np.isfinite(solved).all():
         raise np.linalg.LinAlgError("a covariance of residuals is not positive definite")
     return solved.reshape(columns.shape), factor
 

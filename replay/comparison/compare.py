@@ -32,11 +32,10 @@ from icreckon.replay.comparison.fixes import (
     OF_FIXES,
     LogPart,
     parse_part,
-    scored_intervals,
     with_fixes_within,
     with_truth_of_fixes,
 )
-from icreckon.replay.comparison.holes import between_holes, holes_of
+from icreckon.replay.comparison.holes import scored_parts
 from icreckon.replay.comparison.initial_pose import lateness, start_from_fixes, start_from_truth
 from icreckon.replay.comparison.known_bias import GYRO, KnownBias, known_bias
 from icreckon.replay.comparison.truth_alignment import (
@@ -89,7 +88,7 @@ class Comparison:
         """Drift of all runs against the truth, by horizon and name; empty without a truth."""
         if self.log.truth is None:
             return {}
-        scored = between_holes(scored_intervals(self.log), holes_of(self.log))
+        scored = scored_parts(self.log)
         pairs = {name: (self.runs[name].trajectory, self.truths[name].truth) for name in self.runs}
         return {
             label: {
@@ -172,7 +171,7 @@ def compare(
     if not runs:
         raise _all_failed([*failed.values()])
     is_compared = GYRO in runs and len(runs) > 1
-    bias = known_bias(runs[GYRO], log, robot, scored_intervals(log)) if is_compared else None
+    bias = known_bias(runs[GYRO], log, robot, scored_parts(log)) if is_compared else None
     if bias is not None:
         rerun = replace(task, robot=bias.robot(robot)).run(GYRO, lambda _: None)
         with_bias = {result.variant: result for result in rerun if isinstance(result, Run)}

@@ -9,6 +9,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Indexes, Sta
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import Interval, interpolate_poses
 from icreckon.estimator.log.series import Truth
+from icreckon.replay.comparison.fixes import scored_intervals
 
 HOLE = 1.0  # shortest gap without track speeds or IMU samples that is a hole [s]
 LONGEST_BRIDGE = 1.0  # longest bridged interval of the truth, or twice the usual one [s]
@@ -41,12 +42,15 @@ def between_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Int
     return within
 
 
+def scored_parts(log: Log) -> list[Interval]:
+    """Intervals of scored drift, less the holes of the log."""
+    return between_holes(scored_intervals(log), holes_of(log))
+
+
 def before_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Interval]:
-    """Cut each interval at the start of the first hole that begins in it."""
-    return [
-        (low, min([high, *(begin for begin, _ in holes if low <= begin < high)]))
-        for low, high in within
-    ]
+    """Parts of intervals up to the first hole in each."""
+    ends = [min([high, *(a for a, b in holes if b > low and a < high)]) for low, high in within]
+    return [(low, end) for (low, _), end in zip(within, ends, strict=True) if low < end]
 
 
 def largest_sigma(covariances: Floats) -> Floats:

@@ -27,8 +27,7 @@ from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison import drift_table
 from icreckon.replay.comparison.compare import Comparison
-from icreckon.replay.comparison.fixes import scored_intervals
-from icreckon.replay.comparison.holes import between_holes, holes_of
+from icreckon.replay.comparison.holes import holes_of, scored_parts
 from icreckon.replay.comparison.plot_series import series_of
 from icreckon.replay.comparison.scores import differences, noise_drifts, scores
 from icreckon.replay.comparison.truth_alignment import far_fixes_note
@@ -64,8 +63,7 @@ def summarise(
         series: whether to include the time series of the plots.
     """
     log = comparison.log
-    holes = holes_of(log)
-    scored = between_holes(scored_intervals(log), holes)
+    scored, holes = scored_parts(log), holes_of(log)
     filters = [name for name in comparison.runs if not name.endswith(SMOOTHED)]
     baseline = drift_table.baseline_of(filters)
     reference = filters[-1]

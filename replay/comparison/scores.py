@@ -27,7 +27,7 @@ from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import Results, horizon_labels
 from icreckon.replay.comparison.fixes import OF_FIXES, scored_intervals
-from icreckon.replay.comparison.holes import before_holes, largest_sigma
+from icreckon.replay.comparison.holes import before_holes, largest_sigma, scored_parts
 from icreckon.replay.comparison.truth_level import spatial_scores
 
 NOISE_ROUNDS = 4  # draws of the noise of a truth, of which the mean is taken
@@ -39,7 +39,7 @@ def scores(comparison: Comparison, name: str, holes: Sequence[Interval]) -> Resu
     NEES is computed before the first of the holes in each interval that is scored.
     """
     run, aligned = comparison.runs[name], comparison.truths[name]
-    truth, estimate, scored = aligned.truth, run.trajectory, scored_intervals(comparison.log)
+    truth, estimate, log = aligned.truth, run.trajectory, comparison.log
     results: Results = {"lever_arm_m": list(aligned.lever_arm)}
     for horizon in HORIZONS:
         segments = comparison.drifts[f"{horizon:g}s"][name]
@@ -52,7 +52,7 @@ def scores(comparison: Comparison, name: str, holes: Sequence[Interval]) -> Resu
     rmse = np.sqrt(np.mean(errors**2, axis=0)) if len(errors) else np.full(3, np.nan)
     for component, value in zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), rmse.tolist(), strict=True):
         results[f"rmse_{component}"] = value
-    within = before_holes(scored, holes)
+    within = before_holes(scored_intervals(log), holes)
     nees = pose_nees(estimate, truth.poses, within=within, position_only=not truth.headings)
     results["nees_pose_mean"] = math.nan
     # The filter's covariance does not include the errors of fixes that serve as truth.
@@ -66,7 +66,7 @@ def scores(comparison: Comparison, name: str, holes: Sequence[Interval]) -> Resu
     results["final_position_error_m"] = float(np.hypot(x, y))
     yaw_error = float(np.degrees(wrap_angle(yaw)))
     results["final_yaw_error_deg"] = yaw_error if truth.headings else math.nan
-    results |= spatial_scores(estimate, truth.poses, scored)
+    results |= spatial_scores(estimate, truth.poses, scored_parts(log))
     return results | _consistency(run)
 
 
@@ -98,7 +98,7 @@ def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
         if truth is None:
             return {}
         for horizon in HORIZONS:
-            segments = drift(path, truth.poses, horizon, within=scored_intervals(log))
+            segments = drift(path, truth.poses, horizon, within=scored_parts(log))
             percents.setdefault(f"{horizon:g}s", []).append(segments.percent_mean)
     return {label: float(np.mean(values)) for label, values in percents.items()}
 

@@ -22,6 +22,7 @@ from icreckon.replay.base.errors import (
     os_errors,
 )
 from icreckon.replay.mapping.field_paths import field_reader
+from icreckon.replay.mapping.naming import is_truth
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, FixTopic, TopicMap, TrackTopic, TruthTopic
 from icreckon.replay.reading import message_rows
 from icreckon.replay.reading.conversions import imu_readers, pose_rows
@@ -90,13 +91,16 @@ def log_files(folder: Path) -> list[Path]:
         return []
     with os_errors(folder, "cannot be read"):
         files = sorted(folder.iterdir(), key=lambda file: file.name)
-    return [file for file in files if _is_log_file(file)]
+    found = [file for file in files if file.name.lower().endswith(LOG_SUFFIXES)]
+    if any(file.name.lower().endswith(BAG_SUFFIXES) for file in found):
+        return found
+    # With tables, the trajectory of a truth. Other texts are notes, or estimates.
+    return [file for file in files if file in found or _is_true_trajectory(file)]
 
 
-def _is_log_file(file: Path) -> bool:
-    """Test a file of a folder by its name; a text must be a trajectory, not a note."""
-    is_named = file.name.lower().endswith(LOG_SUFFIXES)
-    return is_named or (is_table(file) and is_trajectory(file))
+def _is_true_trajectory(file: Path) -> bool:
+    """Test a text for a trajectory that its name calls a truth."""
+    return is_truth(file.stem) and is_table(file) and is_trajectory(file)
 
 
 def _parts_of(folder: Path) -> list[Path]:
@@ -298,7 +302,7 @@ def wanted_streams(
         if truth.twist:
             yield stream("truth twist", truth.twist, truth, message_rows.TWIST_READERS)
         if truth.tracks and tracks:
-            reader = message_rows.JointReader(tracks.names, tracks.are_counters)
+            reader = message_rows.JointReader(tracks.names, False)  # of velocities
             yield stream("truth tracks", truth.tracks, truth, {JOINT_STATE: reader})
 
 

@@ -88,6 +88,7 @@ def page_data(results: Results) -> Results:
     return {
         "series": switches(results),
         "columns": columns,
+        "holes": results["log"]["holes_s"],
         "breaks": {name: breaks_of(columns[name]) for name in time_columns},
         "charts": charts,
         "drive": drive,

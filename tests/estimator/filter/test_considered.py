@@ -106,9 +106,9 @@ def test_the_filter_is_as_sure_as_it_may_be(considered):
 def test_what_was_learnt_is_taken_over_and_then_stays(log, tmp_path):
     learnt = fed(log)
     learnt.save(tmp_path / "saved.json")
-    settings = Settings(considered=("eta0", "gyro_scale"))
+    settings = Settings(considered=("eta0", "gyro_bias"))
     warm = PoseEstimator.warm_start(tmp_path / "saved.json", ALPHA, off=3600.0, settings=settings)
-    for index in (s.ETA0, s.GYRO_SCALE):
+    for index in (s.ETA0, s.GYRO_BIAS):
         assert warm.state[index] == learnt.state[index]
         assert warm.covariance[index, index] == learnt.covariance[index, index]
     # A bias that is estimated has walked meanwhile.
@@ -117,7 +117,7 @@ def test_what_was_learnt_is_taken_over_and_then_stays(log, tmp_path):
     before = warm.state[s.LEARNT]
     feed_all(warm, log)
     stays = warm.state[s.LEARNT] == before
-    assert stays[[s.ETA0 - s.LEARNT.start, s.GYRO_SCALE - s.LEARNT.start]].all()
+    assert stays[[s.ETA0 - s.LEARNT.start, s.GYRO_BIAS - s.LEARNT.start]].all()
     assert warm.covariance[s.ETA0, s.ETA0] == learnt.covariance[s.ETA0, s.ETA0]
     assert not stays[s.EPSILON0 - s.LEARNT.start]
 

@@ -27,6 +27,9 @@ def test_holes_of_two_streams_are_one(log: Log) -> None:
     assert (begin - log.start) / SECOND == pytest.approx(40.0, abs=0.1)
     assert (end - log.start) / SECOND == pytest.approx(75.0, abs=0.1)
     assert before_holes([(log.start, log.end)], holes_of(log)) == [(log.start, begin)]
+    # An outage that begins in a hole has no part before it; one behind it is whole.
+    outages = [(begin + SECOND, end + SECOND), (end + 2 * SECOND, log.end)]
+    assert before_holes(outages, holes_of(log)) == outages[1:]
 
 
 def test_no_segment_of_the_drift_is_across_a_hole(log: Log) -> None:

@@ -162,12 +162,16 @@ def test_texts_of_a_folder_are_read_if_they_are_trajectories(tmp_path: Path) -> 
     truth = write(tmp_path / "GroundTruth.TXT", f"# timestamp tx ty tz qx qy qz qw\n{poses}")
     write(tmp_path / "README.txt", "Recorded on grass.\n")
     write(tmp_path / "notes.txt", "1 2 3\n")
+    write(tmp_path / "estimate.txt", poses)
     write(tmp_path / "empty.txt", "")
     (tmp_path / "more.txt").mkdir()
     assert log_files(tmp_path) == as_paths(tmp_path) == [truth, tracks]
     poses_of_file = {"x": "true_x", "y": "true_y", "yaw": "true_yaw", "time": "time"}
     log = read_log(tmp_path, robot_with(tracks=SPEEDS, truth=poses_of_file))
     np.testing.assert_array_equal(log.truth.poses.stamps, log.tracks.stamps)
+    # Next to a bag, whose robot file has no [log.columns], it is not taken.
+    bag = write(tmp_path / "run.mcap", "")
+    assert log_files(tmp_path) == [bag, tracks]
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "named otherwise"])

@@ -99,7 +99,7 @@ const Charts = (() => {
     const labels = { x: State.axis(), y: spec.y_label }, clip = `clip-${chart.number}`;
     const clipped = Svg.axes(chart, MARGIN, { px, py, labels, spacing: 38, clip });
     const inside = clipped();
-    for (const [spans, kind] of [[spec.spans || [], "span"], [State.holes, "hole"]]) {
+    for (const [spans, kind] of [[spec.spans || [], "span"], [State.page.holes, "hole"]]) {
       for (const [begin, end] of spans.map((one) => one.map(State.place))) {
         make("rect", { class: kind, x: px(begin), width: Math.max(2, (end - begin) * kx), y: MARGIN.top, height },
           inside);

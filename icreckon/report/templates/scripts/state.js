@@ -44,7 +44,6 @@ const State = (() => {
 
   // Rows before which a hole of the log ends; whether the log has nothing at t.
   const holes = new Set(page.breaks.t);
-  state.holes = page.breaks.t.map((row) => [page.columns.t[row - 1], page.columns.t[row]]);
   state.inHole = (t) => {
     const times = state.columns.t, row = state.row(times, t);
     return holes.has(row + 1) && t > times[row];
