@@ -204,7 +204,7 @@ def advanced_memory(x: Any, inputs: ModelInputs, left: Any, right: Any, dt: Any)
         return list(inputs.of_user.memory)
     kept_share = exponential(-dt / inputs.vehicle.load_lag)
     memory, gravity = inputs.memory, gravity_in(x)
-    return list(_advanced(memory, kept_share, speeds, parameters, gravity, inputs.vehicle))
+    return list(_memory_after(memory, kept_share, speeds, parameters, gravity, inputs.vehicle))
 
 
 def step_on_se2(yaw: Any, motion: Any) -> Any:
@@ -240,7 +240,7 @@ def _arc_with_slopes(angle: Any) -> Any:
 _arc_in_full = traced(propagation.arc_with_slopes)
 _linearise_indices = traced(lagged_index_model.linearise)
 _linearise_linear = traced(linear_model.linearise)
-_advanced = traced(lagged_index_model.advanced)
+_memory_after = traced(lagged_index_model.memory_after)
 _turn_along_arc = traced(propagation.turn_along_arc)
 slip_at = traced(process_noise.slip_at)
 slip_times = traced(process_noise.slip_times)
