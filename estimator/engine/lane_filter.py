@@ -11,7 +11,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.records import SharedRecord, array_on
 from icreckon.estimator.engine.constants import aligned, shared_constants
-from icreckon.estimator.engine.lane import FilterShape, Numbers
+from icreckon.estimator.engine.lane import FilterShape, PlainNumbers
 from icreckon.estimator.engine.lane_functions import (
     FULL,
     IMU_STEP,
@@ -242,5 +242,5 @@ def events_of(shape: FilterShape, kernel_number: int) -> Events:
     rows, inputs, constants = map(np.zeros, sizes)
     make, arguments = kernel_maker(kernel_number, shape)
     with np.errstate(all="ignore"):
-        kernel = make(*arguments, numbers=Numbers(rows, inputs, constants))
+        kernel = make(*arguments, numbers=PlainNumbers(rows, inputs, constants))
     return Events(kernel.events)

@@ -155,7 +155,7 @@ def _compiled(shape: FilterShape) -> OneLane:
 
 
 def _plain(shape: FilterShape, of_user: MotionModel | None = None) -> OneLane:
-    """Make kernels that Python executes; for `of_user` see `Numbers`."""
+    """Make kernels that Python executes; for `of_user` see `PlainNumbers`."""
 
     def plain(number: int) -> Any:
         make, arguments = kernel_maker(number, shape)

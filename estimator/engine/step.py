@@ -10,7 +10,7 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance, Motion, Vector, combined, dot, shift_of
-from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, Numbers, values_for
+from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, PlainNumbers, values_for
 from icreckon.estimator.engine.layout import IMU_GATES, SLIP_SHARES, TURN
 from icreckon.estimator.filter.changes import moved_values
 from icreckon.estimator.motion.propagation import GaussMarkov
@@ -21,7 +21,7 @@ from icreckon.estimator.sensors.step_inputs import StepInputs
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential
 from icreckon.estimator.tracing.kernel import Kernel
-from icreckon.estimator.tracing.trace import select
+from icreckon.estimator.tracing.trace import Real, Truth, select
 
 # Parameters, biases and gravity along the ground.
 WALKING = (*range(s.PARAMETERS.start, s.TRACK_SCALE), s.GRAVITY_X, s.GRAVITY_Y)
@@ -52,24 +52,24 @@ class StepKind(NamedTuple):
 class PredictedPose(NamedTuple):
     """Predicted pose, see `icreckon.estimator.sensors.predictions.Prediction`."""
 
-    values: Sequence[Any]  # (3,) x, y, yaw
+    values: Sequence[Real]  # (3,) x, y, yaw
     rows: Sequence[Vector]  # (3,) derivatives by the states
-    covariance: Sequence[Sequence[Any]]  # (3, 3) covariance of the error that is not in the state
+    covariance: Sequence[Sequence[Real]]  # (3, 3) covariance of the error that is not in the state
 
 
 class MovedPose(NamedTuple):
     """Move of the pose, and of the height if it is a state (k = 4), over a step."""
 
-    step: Sequence[Any]  # (k,) x, y [m], yaw [rad], height [m] that are added
-    yaws: Sequence[Any]  # (k,) their derivatives by the yaw
-    M: Sequence[Sequence[Any]]  # (k, k) their derivatives by twist and climb, over the time step
-    by_slip: Sequence[Sequence[Any]]  # (k, 3) their derivatives by the slip, over the time step
+    step: Sequence[Real]  # (k,) x, y [m], yaw [rad], height [m] that are added
+    yaws: Sequence[Real]  # (k,) their derivatives by the yaw
+    M: Sequence[Sequence[Real]]  # (k, k) their derivatives by twist and climb, over the time step
+    by_slip: Sequence[Sequence[Real]]  # (k, 3) their derivatives by the slip, over the time step
     rows: Sequence[Vector]  # (k,) derivatives of twist and climb by the states
     climb: model.Climb | None  # climb; None without a height
 
 
 def step_kernel(
-    name: str, shape: FilterShape, kind: StepKind, numbers: Numbers | None = None
+    name: str, shape: FilterShape, kind: StepKind, numbers: PlainNumbers | None = None
 ) -> Kernel:
     """Make the kernel of a step; for `numbers` see `Lane`."""
     lane = Lane(shape, numbers, with_fast_slip=kind.resumes, innovations=kind.innovations)
@@ -94,7 +94,7 @@ def step_kernel(
     return lane.kernel(name, with_fast_slip=kind.fast_slip)
 
 
-def twist_kernel(name: str, shape: FilterShape, numbers: Numbers | None = None) -> Kernel:
+def twist_kernel(name: str, shape: FilterShape, numbers: PlainNumbers | None = None) -> Kernel:
     """Make the kernel that evaluates a body velocity with its derivatives."""
     lane = Lane(shape, numbers, with_fast_slip=True)
     shares = [lane.constant(name) for name in SLIP_SHARES]
@@ -118,7 +118,7 @@ class Step:
             (step_input("acceleration_left"), step_input("acceleration_right")),
             step_input("acceleration_variance"),
         )
-        self.stands: Any = False  # True if the robot is found standing at the end of the step
+        self.stands: Truth = False  # True if the robot is found standing at the end of the step
         # True if the robot may be pushed, with its tracks at rest; a standing one is not.
         self.pushed = step_input("slow") > 0.5
         if kind.stands:
@@ -145,7 +145,7 @@ class Step:
         times = model.slip_times(self.slip.time_constant, lane.row("slip_factor"))
         return [model.gauss_markov(lane.constant("dt"), tau) for tau in times]
 
-    def _shares(self) -> list[Any]:
+    def _shares(self) -> list[Real]:
         """Factors on the slip: its mean over the step is measured and moves the robot."""
         kind = self.kind
         # An IMU sample without a step shows the slip of its moment.
@@ -386,7 +386,7 @@ class Step:
 
     def _process_noise(
         self, move: MovedPose, tilt: model.Tilting, fades: Sequence[GaussMarkov]
-    ) -> tuple[dict[tuple[int, int], Any], Vector]:
+    ) -> tuple[dict[tuple[int, int], Real], Vector]:
         """Covariances that pose and height gain, and the variance that each state gains."""
         lane, sigma, dt = self.lane, self._sigma(), self.lane.constant("dt")
         walk = self._walks(tilt)
@@ -428,7 +428,7 @@ class Step:
             with_rows.append(climb.times(with_rows, by_gravity))
         return with_rows
 
-    def _moved(self, motion: Motion, with_rows: Sequence[Vector]) -> dict[tuple[int, int], Any]:
+    def _moved(self, motion: Motion, with_rows: Sequence[Vector]) -> dict[tuple[int, int], Real]:
         """Entries of the covariance F P F' + Q.
 
         With J the derivatives of the twist: with_rows = P J', twist_covariance = J P J', carried = F P in
@@ -441,12 +441,12 @@ class Step:
         for k in range(count):
             for m in range(k, count):
                 twist_covariance[k, m] = twist_covariance[m, k] = dot(with_rows[k], rows[m])
-        carried: dict[tuple[int, int], Any] = {}
+        carried: dict[tuple[int, int], Real] = {}
         for i in range(count):
             for j in P.states:
                 moved = sum((M_dt[i][k] * with_rows[k][j] for k in range(count)), start=0.0)
                 carried[i, j] = P.entry(i, j) + yaws[i] * P.entry(s.YAW, j) + moved
-        after: dict[tuple[int, int], Any] = {}
+        after: dict[tuple[int, int], Real] = {}
         for i in range(count):
             # The carried row times the derivatives of the twist.
             times = [
@@ -484,13 +484,13 @@ class Step:
         motion: Motion,
         with_rows: Sequence[Vector],
         fades: Sequence[GaussMarkov],
-        step: Sequence[Any],
+        step: Sequence[Real],
     ) -> None:
         """Report a propagation, see `Moved`."""
         lane, states = self.lane, self.lane.P.states
         rows, M_dt, yaws, faded, pose_noise, own = motion
 
-        def times_M(vectors: Sequence[Vector]) -> list[list[Any]]:
+        def times_M(vectors: Sequence[Vector]) -> list[list[Real]]:
             """Product of M dt with the rows `vectors`, by pose or height and by state."""
             moved = [combined({}, *zip(factors, vectors, strict=True)) for factors in M_dt]
             return [[row.get(j, 0.0) for j in states] for row in moved]
@@ -531,14 +531,14 @@ def _noise_of_pose(
     walk: Vector,
     sigma: Any,
     fades: Sequence[GaussMarkov],
-    dt: Any,
-) -> dict[tuple[int, int], Any]:
+    dt: Real,
+) -> dict[tuple[int, int], Real]:
     """Covariances of pose and height that random walks and slip add over a step.
 
     The slip of w within the step is part of the fast slip.
     """
     half, third = 0.5 * dt * dt, dt * dt * dt * (1.0 / 3.0)
-    noise: dict[tuple[int, int], Any] = {}
+    noise: dict[tuple[int, int], Real] = {}
     count = len(rows)
     by_state = [
         {j: sum((M[i][k] * rows[k].get(j, 0.0) for k in range(count)), start=0.0) for j in walk}
@@ -559,6 +559,6 @@ def _noise_of_pose(
     return noise
 
 
-def _product(a: Any, b: Any) -> list[list[Any]]:
+def _product(a: Any, b: Any) -> list[list[Real]]:
     """Product of two matrices (3, 3)."""
     return [[sum(row[k] * b[k][j] for k in range(3)) for j in range(3)] for row in a]
