@@ -136,7 +136,7 @@ def _inside_kernel(name: str, shape: FilterShape) -> Kernel:
 KERNELS: dict[str, Callable[[str, FilterShape], Kernel]] = {
     "inside": _inside_kernel,
     "begin": partial(step_kernel, kind=BEGIN),
-    "stand": partial(step_kernel, kind=PART._replace(imu=False, stands=True)),
+    "stand": partial(step_kernel, kind=PART._replace(imu=False, may_stand=True)),
     "update": partial(step_kernel, kind=PART._replace(may_lack_force=True)),
     "propagate": partial(step_kernel, kind=PART._replace(imu=False, moves=True)),
     "position": partial(position_kernel, kind=AHEAD),

@@ -8,8 +8,10 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 from icreckon.estimator.tracing import trace
+from icreckon.estimator.tracing.trace import Real
 
-Vector = dict[int, Any]
+Vector = dict[int, Real]
+States = Iterable[int]  # indices of states
 # State that moves in place of fixed ones, and the Jacobian of the predicted measurement.
 StandIn = tuple[int, Vector] | None
 
@@ -19,17 +21,17 @@ class ScalarUpdate(NamedTuple):
 
     gain: Vector  # state -> Kalman gain; none for fixed states
     cross: Vector  # state -> covariance with the innovation, P H'
-    inverse_S: Any  # one over the innovation covariance; 0 for no update
+    inverse_S: Real  # one over the innovation covariance; 0 for no update
 
 
 class Motion(NamedTuple):
     """Transition and noise of a propagation, F and Q."""
 
     rows: Sequence[Vector]  # derivatives of the twist, and of the climb
-    M_dt: Sequence[Sequence[Any]]  # derivatives of the pose, and of the height, by twist and climb
-    yaws: Sequence[Any]  # derivatives of the pose by the yaw at the start
+    M_dt: Sequence[Sequence[Real]]  # derivatives of pose and height by twist and climb
+    yaws: Sequence[Real]  # derivatives of the pose by the yaw at the start
     faded: dict[int, Vector]  # rows of the transition of all other states
-    noise: dict[tuple[int, int], Any]  # covariances that pose and height gain, by pair of states
+    noise: dict[tuple[int, int], Real]  # covariances that pose and height gain, by pair of states
     own: Vector  # variance that each state gains
 
 
@@ -40,13 +42,13 @@ class Covariance:
         entries: entries that are not zero, by pair of states, the smaller index first.
     """
 
-    def __init__(self, entries: dict[tuple[int, int], Any]) -> None:
+    def __init__(self, entries: dict[tuple[int, int], Real]) -> None:
         self._entries = dict(entries)
         self._updates: list[ScalarUpdate] = []
-        self._errors: list[tuple[Any, Vector]] = []
+        self._errors: list[tuple[Real, Vector]] = []
         self.states = sorted({state for pair in entries for state in pair})
 
-    def entry(self, a: int, b: int) -> Any:
+    def entry(self, a: int, b: int) -> Real:
         """Covariance of two states."""
         value = self._before_updates(a, b)
         for gain, cross, _ in self._updates:
@@ -58,15 +60,15 @@ class Covariance:
                 value = value - gain[b] * cross.get(a, 0.0)
         return value
 
-    def between(self, a: Vector, b: Vector) -> Any:
+    def between(self, a: Vector, b: Vector) -> Real:
         """Covariance of two linear combinations of states."""
-        total: Any = 0.0
+        total: Real = 0.0
         for i, by_i in a.items():
             for j, by_j in b.items():
                 total = total + self.entry(i, j) * (by_i * by_j)
         return total
 
-    def times(self, row: Vector, *parts: tuple[Any, Vector]) -> Vector:
+    def times(self, row: Vector, *parts: tuple[Real, Vector]) -> Vector:
         """Product with a vector: the sum of `row` and `parts`, each a factor and a vector.
 
         Products with such a part are computed once for all vectors that have it.
@@ -74,7 +76,7 @@ class Covariance:
         all_parts = (*parts, (1.0, row))
         result: Vector = {}
         for a in self.states:
-            total: Any = 0.0
+            total: Real = 0.0
             for factor, part in all_parts:
                 total = total + factor * dot({b: self._stored(a, b) for b in part}, part)
             result[a] = total
@@ -83,8 +85,8 @@ class Covariance:
             for a, value in error.items():
                 result[a] = result[a] + value * (weight * moved)
         for gain, cross, inverse_S in self._updates:
-            along_all: Any = 0.0
-            along_fixed: Any = 0.0
+            along_all: Real = 0.0
+            along_fixed: Real = 0.0
             for factor, part in all_parts:
                 fixed = {b: value for b, value in part.items() if b not in gain}
                 along_all = along_all + factor * dot(cross, part)
@@ -97,17 +99,17 @@ class Covariance:
                     result[a] = result[a] - cross.get(a, 0.0) * along_moved
         return result
 
-    def add(self, a: int, b: int, value: Any) -> None:
+    def add(self, a: int, b: int, value: Real) -> None:
         """Add to the entry of a pair of states."""
         pair = (a, b) if a <= b else (b, a)
         self._entries[pair] = self._entries.get(pair, 0.0) + value
 
-    def add_error(self, error: Vector, weight: Any = 1.0) -> None:
+    def add_error(self, error: Vector, weight: Real = 1.0) -> None:
         """Add the covariance of an error that moves some states, times a weight."""
         self._errors.append((weight, error))
 
     def update(
-        self, cross: Vector, inverse_S: Any, fixed: Iterable[int] = (), stand_in: StandIn = None
+        self, cross: Vector, inverse_S: Real, fixed: States = (), stand_in: StandIn = None
     ) -> Vector:
         """Update with a scalar measurement; return the Kalman gain of states not fixed.
 
@@ -131,7 +133,7 @@ class Covariance:
         return gain | {state: gain[state] + added_gain}
 
     def correct(
-        self, x: Any, z: Any, cross: Vector, inverse_S: Any, fixed: Iterable[int], stand_in: StandIn
+        self, x: Any, z: Real, cross: Vector, inverse_S: Real, fixed: States, stand_in: StandIn
     ) -> Vector:
         """Update with a scalar measurement z, and move the states x; see `update`."""
         gain = self.update(cross, inverse_S, fixed, stand_in)
@@ -139,18 +141,18 @@ class Covariance:
             x[i] = x[i] + by * z
         return gain
 
-    def inflate(self, share: Any) -> Vector:
+    def inflate(self, share: Real) -> Vector:
         """Add a share of the variances before the updates; return additions by state."""
         added = {i: share * self._before_updates(i, i) for i in self.states}
         for i, variance in added.items():
             self.add(i, i, variance)
         return added
 
-    def _stored(self, a: int, b: int) -> Any:
+    def _stored(self, a: int, b: int) -> Real:
         """Stored entry of a pair of states, without postponed updates and errors."""
         return self._entries.get((a, b) if a <= b else (b, a), 0.0)
 
-    def _before_updates(self, a: int, b: int) -> Any:
+    def _before_updates(self, a: int, b: int) -> Real:
         """Entry of a pair of states with the added errors, before the postponed updates."""
         value = self._stored(a, b)
         for weight, error in self._errors:
@@ -159,7 +161,7 @@ class Covariance:
         return value
 
 
-def _missing(cross: Vector, fixed: Iterable[int], state: int, H: Vector) -> tuple[Vector, Any]:
+def _missing(cross: Vector, fixed: States, state: int, H: Vector) -> tuple[Vector, Real]:
     """Entries of fixed states in P H', and what the stand-in's entry lacks for them.
 
     The latter, times the stand-in's derivative in H, is the part of fixed states in H P H'.
@@ -169,7 +171,7 @@ def _missing(cross: Vector, fixed: Iterable[int], state: int, H: Vector) -> tupl
     return fixed_entries, dot(fixed_entries, fixed_row) / H[state]
 
 
-def combined(row: Vector, *parts: tuple[Any, Vector]) -> Vector:
+def combined(row: Vector, *parts: tuple[Real, Vector]) -> Vector:
     """Sum of a sparse vector and of others times their factors."""
     total = dict(row)
     for factor, part in parts:
@@ -178,18 +180,18 @@ def combined(row: Vector, *parts: tuple[Any, Vector]) -> Vector:
     return total
 
 
-def dot(a: Vector, b: Vector) -> Any:
+def dot(a: Vector, b: Vector) -> Real:
     """Dot product of two sparse vectors."""
-    total: Any = 0.0
+    total: Real = 0.0
     for state, value in b.items():
         if state in a:
             total = total + a[state] * value
     return total
 
 
-def shift_of(row: Vector, x: Any, since: Any) -> Any:
+def shift_of(row: Vector, x: Any, since: Any) -> Real:
     """Change of a predicted measurement since the state of its linearisation."""
-    total: Any = 0.0
+    total: Real = 0.0
     for i, by in row.items():
         moved = x[i] - since[i]
         if not trace.is_zero(moved):

@@ -281,7 +281,7 @@ def _kernels(
     """
     usual, move = StepKind(accelerometer=uses_force), StepKind(imu=False, accelerometer=False)
     steps = move, move.reporting()
-    full = usual._replace(stands=True).reporting()
+    full = usual._replace(may_stand=True).reporting()
     update = full._replace(draws=False, moves=False, fast_slip=False)
     ticks = FixKind(fast_slip=True, twist=True)
     fixes = FixKind(), ticks, FixKind(ahead=True), ticks._replace(ahead=True)

@@ -3,11 +3,11 @@
 import math
 from collections.abc import Sequence
 from itertools import combinations_with_replacement
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.covariance import Vector, combined, dot, shift_of
-from icreckon.estimator.engine.lane import FilterShape, Lane, Numbers
+from icreckon.estimator.engine.lane import FilterShape, Lane, PlainNumbers
 from icreckon.estimator.engine.layout import FACTORS, PLACE, TREND
 from icreckon.estimator.engine.model import (
     departure_after,
@@ -28,7 +28,7 @@ from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.kernel import Kernel
-from icreckon.estimator.tracing.trace import maximum, minimum, select
+from icreckon.estimator.tracing.trace import Real, Truth, maximum, minimum, select
 
 ALIKE_TO = 10.0  # factor between the variances of fixes that are not alike, as RTK float and fixed
 
@@ -43,7 +43,7 @@ class FixKind(NamedTuple):
 
 
 def position_kernel(
-    name: str, shape: FilterShape, kind: FixKind, numbers: Numbers | None = None
+    name: str, shape: FilterShape, kind: FixKind, numbers: PlainNumbers | None = None
 ) -> Kernel:
     """Make the kernel of a position fix; see `Reckoning._take_fix`.
 
@@ -83,11 +83,11 @@ def position_kernel(
 class _Verdict(NamedTuple):
     """Verdict of the gate on a position fix: lanes in which each is true."""
 
-    admitted: Any  # the gate admits it
-    reacquired: Any  # forced, rejected, and used because the ones before were rejected for too long
-    lost: Any  # the same, but gated: the filter is to be relocated
-    tested: Any  # tried, and not lost
-    used: Any  # tested, and admitted or re-acquired
+    admitted: Truth  # the gate admits it
+    reacquired: Truth  # forced, rejected, and used since those before were rejected for too long
+    lost: Truth  # the same, but gated: the filter is to be relocated
+    tested: Truth  # tried, and not lost
+    used: Truth  # tested, and admitted or re-acquired
 
 
 class _PositionFix:
@@ -115,7 +115,7 @@ class _PositionFix:
         self.judged = self.is_tried & (mode < 1.5)
         self.square = self.z[0] * self.z[0] + self.z[1] * self.z[1]
 
-    def innovation_covariance(self) -> tuple[tuple[Any, Any, Any], Any]:
+    def innovation_covariance(self) -> tuple[tuple[Real, Real, Real], Real]:
         """Innovation covariance xx, xy, yy [m²], and normalised innovation squared."""
         (z_x, z_y), (row_x, row_y, *_), P = self.z, self.rows, self.lane.P
         with_x, with_y = P.times(row_x), P.times(row_y)
@@ -125,14 +125,14 @@ class _PositionFix:
         by_x, by_y = z_x * yy - z_y * xy, z_y * xx - z_x * xy
         return (xx, xy, yy), (z_x * by_x + z_y * by_y) / (xx * yy - xy * xy)
 
-    def inflate(self, states: Sequence[int], error: Sequence[Any], only: Any) -> None:
+    def inflate(self, states: Sequence[int], error: Sequence[Real], only: Truth) -> None:
         """Inflate by an error that moves several states, in some lanes."""
         moved = [select(only, part, 0.0) for part in error[: len(states)]]
         self.lane.P.add_error(dict(zip(states, moved, strict=True)))
         products = [a * b for a, b in combinations_with_replacement(moved, 2)]
         self.lane.report("motion", products, states)
 
-    def inflate_one(self, state: int, variance: Any) -> None:
+    def inflate_one(self, state: int, variance: Real) -> None:
         """Inflate one state by a variance."""
         self.lane.P.add_error({state: 1.0}, variance)
         self.lane.report("inflated", (variance,), (state,))
@@ -156,12 +156,11 @@ class _PositionFix:
         lane, variance = self.lane, self.variance
         before, count = (lane.row(name) for name in ALIKE_FIXES)
         is_alike = (variance * ALIKE_TO >= before) & (variance < ALIKE_TO * before)
-        for row, value in zip(
-            ALIKE_FIXES, (variance, select(is_alike, count + 1.0, 1.0)), strict=True
-        ):
+        after = variance, select(is_alike, count + 1.0, 1.0)
+        for row, value in zip(ALIKE_FIXES, after, strict=True):
             lane.stores[row] = select(verdict.used, value, lane.row(row))
 
-    def follow_departure(self, S: tuple[Any, Any, Any], is_off: Any) -> tuple[Departure, Any]:
+    def follow_departure(self, S: Sequence[Real], is_off: Truth) -> tuple[Departure, Truth]:
         """Inflate the states where fixes that the gate would reject depart from the path.
 
         It returns the departure with this fix, and the lanes in which it is followed.
@@ -183,7 +182,7 @@ class _PositionFix:
             self.inflate(states[: len(states) - (states[-1] in considered)], error, departs)
         return departure, departs
 
-    def gate(self, nis: Any) -> _Verdict:
+    def gate(self, nis: Real) -> _Verdict:
         """Admit or reject; after some time of rejections a fix is used all the same."""
         lane = self.lane
         admitted = nis <= lane.constant("position_threshold")
@@ -193,7 +192,7 @@ class _PositionFix:
         tested = self.is_tried & ~lost
         return _Verdict(admitted, reacquired, lost, tested, tested & (admitted | reacquired))
 
-    def store_departure(self, departure: Departure, is_off: Any, verdict: _Verdict) -> None:
+    def store_departure(self, departure: Departure, is_off: Truth, verdict: _Verdict) -> None:
         """Store the departure that the next fix continues: none after a fix that is used."""
         lane = self.lane
         at_fix, at_path = (Departure(0.0, *place, *self.z) for place in (self.place, self.expected))
@@ -201,7 +200,7 @@ class _PositionFix:
             after = select(verdict.used | verdict.lost, if_used, select(is_off, if_off, if_not))
             lane.stores[row] = select(self.judged | verdict.used, after, lane.row(row))
 
-    def update(self, S: tuple[Any, Any, Any], verdict: _Verdict) -> None:
+    def update(self, S: Sequence[Real], verdict: _Verdict) -> None:
         """Update with both coordinates, one after the other."""
         lane, (xx, _, yy) = self.lane, S
         inflation = minimum(self.square, LARGEST_INFLATION * minimum(xx, yy))
@@ -216,7 +215,7 @@ class _PositionFix:
         lane.cover_rounding(after_fix=True)
         lane.keep_inside_bounds()
 
-    def store_factors(self, S: tuple[Any, Any, Any], departs: Any, counts: Any) -> None:
+    def store_factors(self, S: Sequence[Real], departs: Truth, counts: Truth) -> None:
         """Store the factors on the slip, in lanes in which the fix `counts`.
 
         Innovations to the same side increase them, a departure sets the largest.
@@ -286,7 +285,7 @@ def _antenna(lane: Lane, pose: PredictedPose) -> PredictedPose:
     return PredictedPose(place, rows, antenna_covariance)
 
 
-def _finished(lane: Lane, name: str, flags: Sequence[Any], kind: FixKind) -> Kernel:
+def _finished(lane: Lane, name: str, flags: Sequence[Truth], kind: FixKind) -> Kernel:
     """Make the kernel of a lane after a fix, with the twist if the kind has it."""
     if kind.twist:
         lane.store_twist()

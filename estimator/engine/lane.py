@@ -12,7 +12,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
-from icreckon.estimator.engine.covariance import Covariance, Vector, dot
+from icreckon.estimator.engine.covariance import Covariance, States, Vector, dot
 from icreckon.estimator.engine.layout import INPUTS, MOTION, TWIST, Layout, covariance_name
 from icreckon.estimator.engine.model import ModelInputs, TracedModel, TracedTwist
 from icreckon.estimator.filter.changes import Event
@@ -25,14 +25,14 @@ from icreckon.estimator.robot.robot_file import Slip
 from icreckon.estimator.sensors.measurement_models import POSE_FIXED, gyro_fixed, imu_fixed
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.kernel import FLAG_BITS, Kernel, Store
-from icreckon.estimator.tracing.trace import minimum, select
+from icreckon.estimator.tracing.trace import Real, Truth, minimum, select
 
 FAST = tuple(range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
 # A value that violates a bound by less is inside: that is rounding. By bits of a number.
 OUTSIDE = {64: ROUNDING, 32: 1e-6}
 # As `ekf.SHARP` and `ekf.ROUNDING_SHARE`, by bits of a number; of 32 by `test_c_day.py`.
 SHARP_UPDATES = {64: (SHARP, ROUNDING_SHARE), 32: (1e-3, 2.0**-18)}
-Part = tuple[Any, Vector]  # a factor and a vector
+Part = tuple[Real, Vector]  # a factor and a vector
 
 
 class FilterShape(NamedTuple):
@@ -59,7 +59,7 @@ def _layout(states: tuple[int, ...], model: TracedModel, reports: bool) -> Layou
     return Layout(states, model, reports)
 
 
-class Numbers(NamedTuple):
+class PlainNumbers(NamedTuple):
     """Plain numbers of one lane."""
 
     lanes: Any  # (n,) its rows of the workspace
@@ -72,16 +72,19 @@ class Bound(NamedTuple):
     """Lower limit of a weighted sum of parameters."""
 
     weights: Vector  # weights of the uncertain ones
-    certain: Any  # part of the sum by the others
-    least: Any  # the limit
+    certain: Real  # part of the sum by the others
+    least: Real  # the limit
 
-    def shortfall(self, values: Vector) -> Any:
+    def shortfall(self, values: Vector) -> Real:
         """Distance of the sum below the limit, for values of the uncertain parameters."""
         return self.least - self.certain - dot(values, self.weights)
 
 
 class Lane:
     """One filter of many: state and covariance, and the rows that it reads and writes.
+
+    `row`, `input` and `constant` return traced numbers or, with `numbers`, plain ones; all others follow
+    from these.
 
     Args:
         shape: shape of the filter.
@@ -93,34 +96,34 @@ class Lane:
     def __init__(
         self,
         shape: FilterShape,
-        numbers: Numbers | None = None,
+        numbers: PlainNumbers | None = None,
         *,
         with_fast_slip: bool = False,
         innovations: bool = False,
     ) -> None:
         if numbers is None:
             trace.start(shape.bits)
-        self.shape, self._numbers, self._innovations = shape, numbers, innovations
-        self.events: list[Event] = []
-        self.layout = shape.layout
+        self.shape, self.layout = shape, shape.layout
+        self._numbers, self._innovations = numbers, innovations
         self.rows, self._places = self.layout.rows, self.layout.constants
         self._states = states = (*shape.states, *FAST) if with_fast_slip else shape.states
-        constant: Any = self.constant
-        vehicle = VehicleConstants(*map(constant, VehicleConstants._fields))
+        vehicle = VehicleConstants(*map(self.constant, VehicleConstants._fields))
         memory = [self.row(f"memory{k}") for k in range(shape.model.memory)]
         of_user = None if numbers is None else numbers.of_user
         self.model_inputs = ModelInputs(shape.model, vehicle, memory, of_user)
         wander = tuple(i for i in states if i >= s.SIZE)
-        self.fixed_for_imu = (*imu_fixed(shape.model.taught), *shape.considered, *wander)
-        self.fixed_for_gyro = (*gyro_fixed(shape.model.taught), *shape.considered, *wander)
-        size = s.SIZE + len(wander)
-        self.x = np.array([self._initial_value(i) for i in range(size)], dtype=object)
+        fixed_for_all = (*shape.considered, *wander)
+        self.fixed_for_imu = (*imu_fixed(shape.model.taught), *fixed_for_all)
+        self.fixed_for_gyro = (*gyro_fixed(shape.model.taught), *fixed_for_all)
+        all_states = range(s.SIZE + len(wander))
+        self.x = np.array([self._initial_value(i) for i in all_states], dtype=object)
         pairs = [(min(i, j), max(i, j)) for n, i in enumerate(states) for j in states[n:]]
         self.P = Covariance({(i, j): self.row(covariance_name(i, j)) for i, j in pairs})
-        self.stores: dict[str, Any] = {}
-        self._sharp: Any = 0.0  # number of sharp updates
+        self._sharp: Real = 0.0  # number of sharp updates
+        self.stores: dict[str, Real] = {}  # results of the kernel, by row
+        self.events: list[Event] = []  # changes that it reports
 
-    def _initial_value(self, index: int) -> Any:
+    def _initial_value(self, index: int) -> Real:
         """Value of a state before the kernel: of the workspace, a constant, or zero."""
         if index in self._states:
             return self.row(f"x{index}")
@@ -129,19 +132,19 @@ class Lane:
             return self.constant(f"fixed{index}")
         return 0.0
 
-    def row(self, name: str) -> Any:
-        """Number in a row of the workspace."""
+    def row(self, name: str) -> Real:
+        """Real in a row of the workspace."""
         if self._numbers is not None:
             return self._numbers.lanes[self.rows[name]]
         return trace.lane_input("lanes", self.rows[name])
 
-    def input(self, name: str) -> Any:
+    def input(self, name: str) -> Real:
         """Input of the step, see `icreckon.estimator.engine.layout.INPUTS`."""
         if self._numbers is not None:
             return self._numbers.inputs[INPUTS[name]]
         return trace.lane_input("inputs", INPUTS[name])
 
-    def constant(self, name: str) -> Any:
+    def constant(self, name: str) -> Real:
         """Constant that all lanes share."""
         if self._numbers is not None:
             return self._numbers.constants[self._places[name]]
@@ -150,7 +153,7 @@ class Lane:
     def report(
         self,
         kind: str,
-        values: Iterable[Any],
+        values: Iterable[Real],
         states: Sequence[int] = (),
         fixed: Sequence[int] = (),
     ) -> None:
@@ -164,7 +167,7 @@ class Lane:
         return SimpleNamespace(**{name: self.constant(name) for name in Slip.__struct_fields__})
 
     @property
-    def eta(self) -> Any:
+    def eta(self) -> Real:
         """Typical steering efficiency index, see `MotionModel.steering_efficiency`."""
         of_user = self.model_inputs.of_user
         if of_user is not None:
@@ -174,18 +177,18 @@ class Lane:
             return linear_model.steering_efficiency(tuple(self.x[s.PARAMETERS]), vehicle)
         return self.x[s.ETA0]
 
-    def advance_model(self, dt: Any, left: Any, right: Any) -> None:
+    def advance_model(self, dt: Real, left: Real, right: Real) -> None:
         """Advance the memory of an index model by a step, at mean track speeds [m/s]."""
         after = model.advanced_memory(self.x, self.model_inputs, left, right, dt)
         self.stores.update({f"memory{k}": value for k, value in enumerate(after)})
         self.model_inputs = self.model_inputs._replace(memory=after)
 
-    def twist_model(self, left: Any, right: Any, slip_shares: Any = WHOLE) -> TracedTwist:
+    def twist_model(self, left: Real, right: Real, slip_shares: Any = WHOLE) -> TracedTwist:
         """Evaluate the body velocity at track speeds [m/s], see `model.twist_model`."""
         states = self.shape.states
         return model.twist_model(self.x, self.model_inputs, left, right, slip_shares, states)
 
-    def smoothed_twist(self, left: Any, right: Any, slip_shares: Any = WHOLE) -> TracedTwist:
+    def smoothed_twist(self, left: Real, right: Real, slip_shares: Any = WHOLE) -> TracedTwist:
         """Body velocity, with the regressors as its derivatives by the parameters."""
         now = self.twist_model(left, right, slip_shares)
         for axis, row in enumerate(now.rows):
@@ -218,7 +221,7 @@ class Lane:
                 self.stores[f"{axis}_by_{i}"] = row.get(i, 0.0)
 
     def kernel(
-        self, name: str, flags: Sequence[Any] = (), *, with_fast_slip: bool = False
+        self, name: str, flags: Sequence[Truth] = (), *, with_fast_slip: bool = False
     ) -> Kernel:
         """Make a kernel that stores all changed values, and returns `flags`, see `Kernel`."""
         stores = dict(self.stores)
@@ -239,7 +242,7 @@ class Lane:
     # --- updates ---------------------------------------------------------------------------------
 
     def update(
-        self, z: Any, H: Vector, R: Any, *parts: Part, fixed: Iterable[int] = (), only: Any = True
+        self, z: Real, H: Vector, R: Real, *parts: Part, fixed: States = (), only: Truth = True
     ) -> None:
         """Update with a scalar measurement, without a gate; for the arguments see `gated`."""
         cross = self.P.times(_without_parts(H, parts), *parts)
@@ -248,12 +251,12 @@ class Lane:
 
     def _apply(
         self,
-        z: Any,
+        z: Real,
         H: Vector,
         cross: Vector,
-        R: Any,
-        inverse_S: Any,
-        fixed: Iterable[int],
+        R: Real,
+        inverse_S: Real,
+        fixed: States,
         stand_in: int | None = None,
     ) -> None:
         """Correct state and covariance, and count sharp updates; `cross` is P H'."""
@@ -269,16 +272,16 @@ class Lane:
     def gated(
         self,
         sensor: str,
-        z: Any,
+        z: Real,
         H: Vector,
-        R: Any,
+        R: Real,
         *parts: Part,
         inflated: int,
-        fixed: Iterable[int] = (),
+        fixed: States = (),
         stand_in: int | None = None,
-        only: Any = None,
-        patience: Any = None,
-        interval: Any = None,
+        only: Truth | None = None,
+        patience: Real | None = None,
+        interval: Real | None = None,
     ) -> None:
         """Gate, update and count a scalar, see `icreckon.estimator.filter.ekf`.
 
@@ -327,7 +330,7 @@ class Lane:
         self.count(sensor, nis, admitted, used, only, interval)
 
     def count(
-        self, sensor: str, nis: Any, admitted: Any, used: Any, only: Any, interval: Any
+        self, sensor: str, nis: Real, admitted: Truth, used: Truth, only: Truth, interval: Real
     ) -> None:
         """Add to the counts of a gate, in the lanes (`only`; None for all) that measure."""
         before = self.row(f"{sensor}_rejected_for")
@@ -342,7 +345,7 @@ class Lane:
         ):
             self.stores[f"{sensor}_{count}"] = self.row(f"{sensor}_{count}") + increase
 
-    def add_doubt(self, bias: Any, shared: Any, yaw: Any) -> None:
+    def add_doubt(self, bias: Real, shared: Real, yaw: Real) -> None:
         """Inflate the gyro's bias, and the yaw that has turned by it.
 
         Added are the variance `bias` [rad²/s²], the covariance `shared` [rad²/s] and the variance `yaw`
@@ -375,7 +378,7 @@ class Lane:
         bounds = [bound for bound in self._bounds() if not bound.weights.keys() <= {*fixed}]
         if not bounds:
             return
-        is_outside: Any = False
+        is_outside: Truth = False
         for bound in bounds:
             short = bound.shortfall(values_for(x, bound.weights))
             is_outside = is_outside | (short > OUTSIDE[self.shape.bits])
@@ -388,8 +391,8 @@ class Lane:
         self.report("projected", changes, states)
 
     def _projected(
-        self, bounds: Iterable[Bound], fixed: Sequence[int], *values: Any
-    ) -> tuple[list[Any], Any]:
+        self, bounds: Iterable[Bound], fixed: Sequence[int], *values: Real
+    ) -> tuple[list[Real], Truth]:
         """Project values of the states onto each bound in turn; True if any has moved.
 
         Each state that is not `fixed` moves by its covariance with the sum that violates the bound.
@@ -417,21 +420,22 @@ class Lane:
 
 
 def array_rows(layout: Layout) -> tuple[int, int, int]:
-    """Number of rows of each of `ARRAYS`; number of constants, which all lanes share."""
+    """Real of rows of each of `ARRAYS`; number of constants, which all lanes share."""
     return len(layout.rows), len(INPUTS), len(layout.constants)
 
 
 def plain_kernel(make: Any, of_user: MotionModel | None = None) -> Any:
     """Make a function of `ARRAYS` that computes a kernel in Python, lane by lane.
 
-    `make` makes the kernel of plain `Numbers`; for `of_user` see there.
+    `make` makes the kernel of `PlainNumbers`; for `of_user` see there.
     """
 
     def kernel(lanes: Any, inputs: Any, constants: Any) -> int:
         flags = 0
         with np.errstate(all="ignore"):
             for lane in range(lanes.shape[1]):
-                lane_kernel = make(Numbers(lanes[:, lane], inputs[:, lane], constants, of_user))
+                plain = PlainNumbers(lanes[:, lane], inputs[:, lane], constants, of_user)
+                lane_kernel = make(plain)
                 for place, flag in enumerate(lane_kernel.flags):
                     flags |= bool(flag) << (place * FLAG_BITS + lane)
                 for _, row, value in lane_kernel.stores:

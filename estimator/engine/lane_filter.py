@@ -11,7 +11,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.records import SharedRecord, array_on
 from icreckon.estimator.engine.constants import aligned, shared_constants
-from icreckon.estimator.engine.lane import FilterShape, Numbers
+from icreckon.estimator.engine.lane import FilterShape, PlainNumbers
 from icreckon.estimator.engine.lane_functions import (
     FULL,
     IMU_STEP,
@@ -73,8 +73,8 @@ class LaneSteps:
         compiles: bool,
     ) -> None:
         self._arguments = ekf, disturbances, robot, settings, record, readings
-        self._compiles, self._ekf, self._readings = compiles, ekf, readings
-        self._record = record
+        self._compiles, self._ekf = compiles, ekf
+        self._record, self._readings = record, readings
         lane = one_lane(ekf.model, ekf.considered, wanders=ekf.wanders, compiles=compiles)
         self._lane = lane
         compiled = lane.compiled or (lambda function: function)
@@ -116,9 +116,10 @@ class LaneSteps:
         kernel_number = IMU_STEP if m.stamp > self._record.stamp else IMU_UPDATE
         yaw, result = self._ekf.x.item(s.YAW), FULL
         while result == FULL:
-            step = self._lane.places, kernel_number, self._records, self._all_arrays(), m.stamp
-            sample = readings.stamps, readings.rates, mounting, *m.angular_velocity, *force
-            result = self._take_sample(*step, *sample, uses_force, after_gap)
+            filter_ = self._lane.places, kernel_number, self._records, self._all_arrays()
+            buffers = readings.stamps, readings.rates
+            sample = mounting, m.stamp, m.angular_velocity, force, uses_force, after_gap
+            result = self._take_sample(*filter_, buffers, *sample)
             if result == FULL:
                 readings.make_room()
         if result >= 0 and self._has_watchers():
@@ -139,17 +140,9 @@ class LaneSteps:
         """Take the steps of samples up to one that needs more than a step; fill rows."""
         readings, total = self._readings, np.zeros(4, int)
         while True:
-            counts = self._feed_samples(
-                self._lane.places,
-                self._records,
-                self._all_arrays(),
-                readings.stamps,
-                readings.rates,
-                mounting,
-                samples,
-                uses_force,
-                rows,
-            )
+            filter_ = self._lane.places, self._records, self._all_arrays()
+            buffers = readings.stamps, readings.rates
+            counts = self._feed_samples(*filter_, buffers, mounting, samples, uses_force, rows)
             total += counts
             samples = samples.after(*counts[:2])
             if not len(samples.imu_stamps) or not is_full(self._record.still, readings.stamps):
@@ -200,9 +193,10 @@ class LaneSteps:
     def evaluate(self, ekf: Ekf, left: float, right: float, slip_shares: Triple) -> TwistModel:
         """Body velocity of a filter with the same model and settings, see `Ekf`."""
         twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(ekf.x))), np.empty((3, 2))
-        arrays = self._lane.places, ekf.x, ekf.model.memory, *self._arrays
-        inputs, results = map(float, (left, right, *slip_shares)), (twist, jacobian, by_speeds)
-        zeta, epsilon, eta, u, force = self._evaluate_twist(*arrays, *inputs, *results)
+        arrays, results = (ekf.x, ekf.model.memory, *self._arrays), (twist, jacobian, by_speeds)
+        left, right, *shares = map(float, (left, right, *slip_shares))
+        inputs = self._lane.places, arrays, left, right, tuple(shares), results
+        zeta, epsilon, eta, u, force = self._evaluate_twist(*inputs)
         v_x, v_y, w = twist.tolist()
         motion = Motion(PaperTwist(-v_y, v_x, w), IndexValues(zeta, epsilon, eta), u, force)
         return TwistModel(twist, jacobian, by_speeds, motion)
@@ -242,5 +236,5 @@ def events_of(shape: FilterShape, kernel_number: int) -> Events:
     rows, inputs, constants = map(np.zeros, sizes)
     make, arguments = kernel_maker(kernel_number, shape)
     with np.errstate(all="ignore"):
-        kernel = make(*arguments, numbers=Numbers(rows, inputs, constants))
+        kernel = make(*arguments, numbers=PlainNumbers(rows, inputs, constants))
     return Events(kernel.events)

@@ -43,7 +43,6 @@ NOISE = INPUTS["gyro_density"]
 PARAMETERS = s.PARAMETERS.start
 LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 
-
 # Results of functions that did nothing: a step is needed before, as after a gap; the buffers are full.
 REFUSED, FULL = -1, -2
 INPUTS_PLACE = 5  # place of the inputs among the arrays of a lane, see `take_step`
@@ -150,29 +149,33 @@ def take_sample(
     kernel_number: int,
     records: Any,
     arrays: Any,
-    stamp: int,
-    stamps: Stamps,
-    rates: Floats,
+    readings: tuple[Stamps, Floats],
     mounting: Floats,
-    w_x: float,
-    w_y: float,
-    w_z: float,
-    f_x: float,
-    f_y: float,
-    f_z: float,
+    stamp: int,
+    w: Any,
+    f: Any,
     uses_force: bool,
     after_gap: bool,
 ) -> int:
     """Add an IMU sample, and take the step that it ends.
 
-    Arguments up to `stamp` are those of `take_step`, `stamps` and `rates` those of `sample_inputs`.
-    `mounting` is that of `SensorModels`. Angular velocity w [rad/s] and specific force f [m/s²], or NaN,
-    are in the axes of the IMU. After a gap the step may be longer than `Settings.hold`.
+    Args:
+        places: (1,) `LanePlaces`.
+        kernel_number: `IMU_STEP`, or `IMU_UPDATE` for a sample at the stamp of the filter.
+        records: (1,) record of the filter.
+        arrays: arrays of the filter, see `take_step`.
+        readings: buffers for stamps [ns] and values [rad/s] of yaw-rate readings.
+        mounting: (6, 3) mounting of the IMU, see `SensorModels`.
+        stamp: stamp of the sample [ns].
+        w: (3,) angular velocity in the axes of the IMU [rad/s].
+        f: (3,) specific force in the axes of the IMU [m/s²], or NaN.
+        uses_force: the step is to use the specific force.
+        after_gap: the step may be longer than `Settings.hold`.
 
     Returns:
         As `take_step`; `REFUSED` or `FULL` if nothing was done.
     """
-    record = records[0]
+    record, (stamps, rates) = records[0], readings
     gap = (stamp - record.stamp) * NANOSECOND > record.settings.hold
     if record.tracks.stamp == NEVER or (gap and not after_gap):
         return REFUSED
@@ -181,16 +184,18 @@ def take_sample(
     inputs = arrays[INPUTS_PLACE]
     if inputs.shape != (ROWS, 1) or mounting.shape != (6, 3):
         raise ValueError(WRONG_SIZE)
-    rate = float(mounting[0, 0] * w_x + mounting[0, 1] * w_y + mounting[0, 2] * w_z)
-    roll = float(mounting[1, 0] * w_x + mounting[1, 1] * w_y + mounting[1, 2] * w_z)
-    pitch = float(mounting[2, 0] * w_x + mounting[2, 1] * w_y + mounting[2, 2] * w_z)
-    reading = float(mounting[3, 0] * w_x + mounting[3, 1] * w_y + mounting[3, 2] * w_z)
-    forward = float(mounting[4, 0] * f_x + mounting[4, 1] * f_y + mounting[4, 2] * f_z)
-    left = float(mounting[5, 0] * f_x + mounting[5, 1] * f_y + mounting[5, 2] * f_z)
-    add_rate(record.yaw_rates, stamp, rate)
-    sample = (stamp, (rate, roll, pitch, reading), forward, left, uses_force)
+    yaw_rate, roll_rate = along(mounting[0], w), along(mounting[1], w)
+    pitch_rate, reading = along(mounting[2], w), along(mounting[3], w)
+    gyro = (yaw_rate, roll_rate, pitch_rate, reading)
+    add_rate(record.yaw_rates, stamp, yaw_rate)
+    sample = (stamp, gyro, along(mounting[4], f), along(mounting[5], f), uses_force)
     sample_inputs(record, stamps, rates, inputs, 0, *sample)
     return take_step(places, kernel_of_sample(kernel_number, record), records, arrays, stamp, 0.0)
+
+
+def along(axis: Floats, vector: Any) -> float:
+    """Component of a vector (3,) along an axis, a row of the IMU's mounting."""
+    return float(axis[0] * vector[0] + axis[1] * vector[1] + axis[2] * vector[2])
 
 
 def kernel_of_sample(kernel_number: int, record: Any) -> int:
@@ -216,8 +221,7 @@ def feed_samples(
     places: Any,
     records: Any,
     arrays: Any,
-    stamps: Stamps,
-    rates: Floats,
+    readings: tuple[Stamps, Floats],
     mounting: Floats,
     samples: SampleArrays,
     uses_force: bool,
@@ -245,10 +249,9 @@ def feed_samples(
         else:
             if stamp <= record.stamp:
                 break
-            w, f = samples.angular_velocities[imu], samples.forces[imu]
-            readings = (stamps, rates, mounting, w[0], w[1], w[2], f[0], f[1], f[2])
-            sample: Any = (records, arrays, stamp, *readings, uses_force, False)
-            result = take_sample(places, IMU_STEP, *sample)
+            sample = (stamp, samples.angular_velocities[imu], samples.forces[imu], uses_force)
+            filter_ = (records, arrays, readings, mounting)
+            result = take_sample(places, IMU_STEP, *filter_, *sample, False)
             if result < 0:
                 break
             used += result
@@ -317,9 +320,8 @@ def write_twist(places: Any, record: Any, arrays: Any, rows: Any, row: int) -> N
     x, P, regressors, memory, lane, inputs, constants = arrays
     speeds = speeds_at(record.tracks, record.stamp, record.settings.hold_ns)
     twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(x))), np.empty((3, 2))
-    model = (x, memory, lane, inputs, constants)
-    results = (twist, jacobian, by_speeds)
-    indices = evaluate_twist(places, *model, *speeds, 1.0, 1.0, 1.0, *results)
+    model, results = (x, memory, lane, inputs, constants), (twist, jacobian, by_speeds)
+    indices = evaluate_twist(places, model, *speeds, (1.0, 1.0, 1.0), results)
     # Covariance J P J' of the twist, where the regressors are its derivatives by the parameters.
     with_states, shares, n = np.zeros((3, s.SIZE)), np.ones(3), s.SIZE
     for axis in range(3):
@@ -511,25 +513,18 @@ def end_position(record: Any, lane: Floats, rows: Any) -> None:
 
 
 def evaluate_twist(
-    all_places: Any,
-    x: Floats,
-    memory: Floats,
-    lane: Floats,
-    inputs: Floats,
-    constants: Floats,
-    left: float,
-    right: float,
-    share_x: float,
-    share_y: float,
-    share_w: float,
-    twist: Floats,
-    jacobian: Floats,
-    by_speeds: Floats,
+    all_places: Any, arrays: Any, left: float, right: float, slip_shares: Any, results: Any
 ) -> Any:
     """Evaluate the body velocity, see `Ekf.twist_model`.
 
-    Arguments up to `constants` are those of `take_step`; then come track speeds [m/s], and factors on the
-    slip. Written to are `twist` (3,), `jacobian` (3, SIZE) and `by_speeds` (3, 2).
+    Args:
+        all_places: (1,) `LanePlaces`.
+        arrays: (SIZE,) the state, the memory of the motion model, and workspace, inputs and constants of
+            the kernel, see `take_step`.
+        left: speed of the left track [m/s].
+        right: speed of the right track [m/s].
+        slip_shares: (3,) factors on the slip.
+        results: (3,) twist, (3, SIZE) jacobian and (3, 2) derivatives by the speeds, written to.
 
     Returns:
         zeta, epsilon, eta, u and force, see `Motion`.
@@ -537,14 +532,15 @@ def evaluate_twist(
     Raises:
         ValueError: an array has the wrong size.
     """
+    (x, memory, lane, inputs, constants), (twist, jacobian, by_speeds) = arrays, results
     places = all_places[0]
     sizes_fit = twist.shape == (3,) and jacobian.shape == (3, places.size)
     if not sizes_fit or by_speeds.shape != (3, 2) or inputs.shape != (ROWS, 1):
         raise ValueError(WRONG_SIZE)
     fill_state(lane, constants, x, memory, places)
     inputs[LEFT, 0], inputs[RIGHT, 0] = left, right
-    first = places.slip_shares
-    constants[first], constants[first + 1], constants[first + 2] = share_x, share_y, share_w
+    for axis in range(3):
+        constants[places.slip_shares + axis] = slip_shares[axis]
     call_kernel(places.kernels[EVALUATION], lane, inputs, constants)
     jacobian[:] = 0.0
     for axis in range(3):

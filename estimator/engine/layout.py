@@ -63,7 +63,6 @@ MOTION = (
     *(f"{axis}_by_{side}" for axis in ("v_x", "v_y", "w") for side in ("left", "right")),
 )
 
-
 # Row behind those of the derivatives by the parameters: the yaw rate that tracks and gyro show.
 TURN = "turn"
 

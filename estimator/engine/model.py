@@ -26,7 +26,7 @@ from icreckon.estimator.motion.motion_model import (
 from icreckon.estimator.sensors import sensor_models, standstill
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential, traced
-from icreckon.estimator.tracing.trace import select
+from icreckon.estimator.tracing.trace import Real, Truth, select
 
 SERIES_TO, TERMS = 0.5, 8  # up to this angle [rad] a series of this many terms is exact to rounding
 # From the paper's axes: forward is its second, left minus its first.
@@ -82,18 +82,18 @@ class Tilting(NamedTuple):
     """Turning of the body about its own axes of roll and pitch."""
 
     # acceleration of gravity towards the ground [m/s²]; 0 if the rates are not known
-    down: Any = 0.0
-    roll_rate: Any = 0.0  # without bias [rad/s]; 0 if it is not known
-    pitch_rate: Any = 0.0  # without bias [rad/s]; 0 if it is not known
-    is_known: Any = False  # True if the rates are known
+    down: Real = 0.0
+    roll_rate: Real = 0.0  # without bias [rad/s]; 0 if it is not known
+    pitch_rate: Real = 0.0  # without bias [rad/s]; 0 if it is not known
+    is_known: Truth = False  # True if the rates are known
 
 
 class Climb(NamedTuple):
     """Change of height of a body that moves along a slope."""
 
-    rate: Any  # the change [m/s]
-    by_twist: tuple[Any, Any]  # (2,) its derivatives by the speeds forward and left
-    by_gravity: tuple[Any, Any]  # (2,) those by gravity along the ground
+    rate: Real  # the change [m/s]
+    by_twist: tuple[Real, Real]  # (2,) its derivatives by the speeds forward and left
+    by_gravity: tuple[Real, Real]  # (2,) those by gravity along the ground
 
     def times(self, twist_vectors: Sequence[Vector], gravity_vectors: dict[int, Vector]) -> Vector:
         """Combine vectors, by twist and gravity, as these contribute to the height."""
@@ -112,9 +112,9 @@ class ModelInputs(NamedTuple):
 
 
 def twist_model(
-    x: Any, inputs: ModelInputs, left: Any, right: Any, slip_shares: Any, states: tuple[int, ...]
+    x: Any, inputs: ModelInputs, left: Real, right: Real, slip_shares: Any, states: tuple[int, ...]
 ) -> TracedTwist:
-    """Evaluate the body velocity in a state x (SIZE,), at track speeds [m/s].
+    """Evaluate the body velocity in a state x (SIZE,), at measured track speeds [m/s].
 
     `slip_shares` (3,) are factors on the slip, `states` those by which derivatives are wanted.
     """
@@ -123,9 +123,9 @@ def twist_model(
         share * slow + fast
         for share, slow, fast in zip(slip_shares, x[s.SLIP], x[s.FAST_SLIP], strict=True)
     )
-    paper_slip = -slip_y, slip_x, slip_w
     speeds, parameters = (left * left_factor, right * right_factor), tuple(x[s.PARAMETERS])
-    arguments = *speeds, parameters, paper_slip, gravity_in(x)
+    # The motion model has the paper's axes: right, which is minus left, and forward.
+    arguments = *speeds, parameters, (-slip_y, slip_x, slip_w), gravity_in(x)
     if inputs.of_user is not None:
         motion, derivatives = inputs.of_user.linearise(*arguments)
     elif inputs.model.kind == "linear":
@@ -145,8 +145,8 @@ def twist_model(
             row[s.FAST_SLIP.start + j] = by_slip
         for j in range(s.PARAMETER_COUNT):
             row[s.PARAMETERS.start + j] = sign * derivatives.by_parameters[axis][j]
-        by_right, by_forward = derivatives.by_gravity[axis]
-        row[s.GRAVITY_X], row[s.GRAVITY_Y] = sign * by_forward, -sign * by_right
+        by_gravity_right, by_gravity_forward = derivatives.by_gravity[axis]
+        row[s.GRAVITY_X], row[s.GRAVITY_Y] = sign * by_gravity_forward, -sign * by_gravity_right
         by_left, by_right = (sign * by_speed for by_speed in derivatives.by_speeds[axis])
         row[s.TRACK_SCALE] = by_left * left + by_right * right
         row[s.TRACK_DIFFERENCE] = 0.5 * (by_right * right - by_left * left)
@@ -158,7 +158,7 @@ def twist_model(
     return TracedTwist(twist, (rows[0], rows[1], rows[2]), by_speeds, motion)
 
 
-def tilting(x: Any, roll_rate: Any, pitch_rate: Any) -> Tilting:
+def tilting(x: Any, roll_rate: Real, pitch_rate: Real) -> Tilting:
     """Compute the turning of a tilted body; rates that are not known are NaN."""
     is_known = roll_rate == roll_rate  # not NaN
     down = select(is_known, downward_gravity((x[s.GRAVITY_X], x[s.GRAVITY_Y])), 0.0)
@@ -174,7 +174,7 @@ def climb(now: TracedTwist, gravity: Any) -> Climb:
     return Climb(a * v_x + b * v_y, (a, b), propagation.upward((v_x, v_y)))
 
 
-def gravity_rows(angle: Any, tilt: Tilting, kept_share: Any, dt: Any) -> dict[int, Vector]:
+def gravity_rows(angle: Real, tilt: Tilting, kept_share: Real, dt: Real) -> dict[int, Vector]:
     """Transition of gravity along the ground, which is fixed in odom, over dt [s].
 
     The body turns by an angle [rad] about its z axis, and by `tilt` about the others; if the latter is
@@ -189,7 +189,7 @@ def gravity_rows(angle: Any, tilt: Tilting, kept_share: Any, dt: Any) -> dict[in
     }
 
 
-def advanced_memory(x: Any, inputs: ModelInputs, left: Any, right: Any, dt: Any) -> list[Any]:
+def advanced_memory(x: Any, inputs: ModelInputs, left: Real, right: Real, dt: Real) -> list[Real]:
     """Memory of an index model after a step of dt [s], see `MotionModel.begin_step`.
 
     `left` and `right` are mean speeds of the tracks in the step [m/s], x (SIZE,) is the state.
@@ -204,26 +204,26 @@ def advanced_memory(x: Any, inputs: ModelInputs, left: Any, right: Any, dt: Any)
         return list(inputs.of_user.memory)
     kept_share = exponential(-dt / inputs.vehicle.load_lag)
     memory, gravity = inputs.memory, gravity_in(x)
-    return list(_advanced(memory, kept_share, speeds, parameters, gravity, inputs.vehicle))
+    return list(_memory_after(memory, kept_share, speeds, parameters, gravity, inputs.vehicle))
 
 
-def step_on_se2(yaw: Any, motion: Any) -> Any:
+def step_on_se2(yaw: Real, motion: Any) -> Any:
     """Compute `propagation.step_on_se2`."""
     return _step_along_arc(yaw, motion, _arc_with_slopes(motion[2]))
 
 
-def turn(angle: Any) -> Any:
+def turn(angle: Real) -> Any:
     """Compute `propagation.turn`."""
     return _turn_along_arc(angle, _arc_with_slopes(angle))
 
 
-def _arc_with_slopes(angle: Any) -> Any:
+def _arc_with_slopes(angle: Real) -> Any:
     """Compute `propagation.arc_with_slopes`; of a small angle by power series."""
     square = angle * angle
 
-    def series(first: int, factor: Callable[[int], float]) -> Any:
+    def series(first: int, factor: Callable[[int], float]) -> Real:
         """Sum of (-1)^k factor(k) angle^(2 k) / (2 k + first)!, by Horner's scheme."""
-        total: Any = 0.0
+        total: Real = 0.0
         for k in range(TERMS, -1, -1):
             term = (-1.0) ** k * factor(k) / math.factorial(2 * k + first)
             total = term + square * total
@@ -240,7 +240,7 @@ def _arc_with_slopes(angle: Any) -> Any:
 _arc_in_full = traced(propagation.arc_with_slopes)
 _linearise_indices = traced(lagged_index_model.linearise)
 _linearise_linear = traced(linear_model.linearise)
-_advanced = traced(lagged_index_model.advanced)
+_memory_after = traced(lagged_index_model.memory_after)
 _turn_along_arc = traced(propagation.turn_along_arc)
 slip_at = traced(process_noise.slip_at)
 slip_times = traced(process_noise.slip_times)

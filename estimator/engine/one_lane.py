@@ -44,10 +44,10 @@ from icreckon.estimator.tracing.kernel import Kernel
 
 PARAMETERS, FAST_SLIP = s.PARAMETERS.start, s.FAST_SLIP.start
 # Steps of a filter that reports its changes, in the order of `lane_functions`; and position fixes.
-OF_SAMPLE = StepKind(stands=True, may_lack_force=True, innovations=True, fast_slip=True)
+OF_SAMPLE = StepKind(may_stand=True, may_lack_force=True, innovations=True, fast_slip=True)
 OF_TIME = StepKind(imu=False, accelerometer=False, fast_slip=True)
 STEPS = {
-    DRIVING_STEP: ("driving_step", OF_SAMPLE._replace(stands=False)),
+    DRIVING_STEP: ("driving_step", OF_SAMPLE._replace(may_stand=False)),
     IMU_STEP: ("imu_step", OF_SAMPLE),
     IMU_UPDATE: ("imu_update", OF_SAMPLE._replace(draws=False, moves=False, resumes=True)),
     TIME_STEP: ("time_step", OF_TIME),
@@ -155,7 +155,7 @@ def _compiled(shape: FilterShape) -> OneLane:
 
 
 def _plain(shape: FilterShape, of_user: MotionModel | None = None) -> OneLane:
-    """Make kernels that Python executes; for `of_user` see `Numbers`."""
+    """Make kernels that Python executes; for `of_user` see `PlainNumbers`."""
 
     def plain(number: int) -> Any:
         make, arguments = kernel_maker(number, shape)

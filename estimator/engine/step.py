@@ -10,7 +10,7 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance, Motion, Vector, combined, dot, shift_of
-from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, Numbers, values_for
+from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, PlainNumbers, values_for
 from icreckon.estimator.engine.layout import IMU_GATES, SLIP_SHARES, TURN
 from icreckon.estimator.filter.changes import moved_values
 from icreckon.estimator.motion.propagation import GaussMarkov
@@ -21,7 +21,7 @@ from icreckon.estimator.sensors.step_inputs import StepInputs
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential
 from icreckon.estimator.tracing.kernel import Kernel
-from icreckon.estimator.tracing.trace import select
+from icreckon.estimator.tracing.trace import Real, Truth, select
 
 # Parameters, biases and gravity along the ground.
 WALKING = (*range(s.PARAMETERS.start, s.TRACK_SCALE), s.GRAVITY_X, s.GRAVITY_Y)
@@ -35,7 +35,7 @@ class StepKind(NamedTuple):
     draws: bool = True  # it begins with a new fast slip
     moves: bool = True  # time passes
     resumes: bool = False  # the fast slip is that of a step that has begun before
-    stands: bool = False  # lanes may be found standing at its end
+    may_stand: bool = False  # it finds the lanes that stand at its end
     imu: bool = True  # there is an IMU sample at its end
     accelerometer: bool = True  # update with the sample's specific force
     may_lack_force: bool = False  # lanes may lack the specific force, which is NaN then
@@ -52,31 +52,31 @@ class StepKind(NamedTuple):
 class PredictedPose(NamedTuple):
     """Predicted pose, see `icreckon.estimator.sensors.predictions.Prediction`."""
 
-    values: Sequence[Any]  # (3,) x, y, yaw
+    values: Sequence[Real]  # (3,) x, y, yaw
     rows: Sequence[Vector]  # (3,) derivatives by the states
-    covariance: Sequence[Sequence[Any]]  # (3, 3) covariance of the error that is not in the state
+    covariance: Sequence[Sequence[Real]]  # (3, 3) covariance of the error that is not in the state
 
 
 class MovedPose(NamedTuple):
     """Move of the pose, and of the height if it is a state (k = 4), over a step."""
 
-    step: Sequence[Any]  # (k,) x, y [m], yaw [rad], height [m] that are added
-    yaws: Sequence[Any]  # (k,) their derivatives by the yaw
-    M: Sequence[Sequence[Any]]  # (k, k) their derivatives by twist and climb, over the time step
-    by_slip: Sequence[Sequence[Any]]  # (k, 3) their derivatives by the slip, over the time step
+    step: Sequence[Real]  # (k,) x, y [m], yaw [rad], height [m] that are added
+    yaws: Sequence[Real]  # (k,) their derivatives by the yaw
+    M: Sequence[Sequence[Real]]  # (k, k) their derivatives by twist and climb, over the time step
+    by_slip: Sequence[Sequence[Real]]  # (k, 3) their derivatives by the slip, over the time step
     rows: Sequence[Vector]  # (k,) derivatives of twist and climb by the states
     climb: model.Climb | None  # climb; None without a height
 
 
 def step_kernel(
-    name: str, shape: FilterShape, kind: StepKind, numbers: Numbers | None = None
+    name: str, shape: FilterShape, kind: StepKind, numbers: PlainNumbers | None = None
 ) -> Kernel:
     """Make the kernel of a step; for `numbers` see `Lane`."""
     lane = Lane(shape, numbers, with_fast_slip=kind.resumes, innovations=kind.innovations)
     step = Step(lane, kind)
     if kind.draws:
         step.draw_fast_slip()
-    if kind.stands:
+    if kind.may_stand:
         step.update_standstill()
     if kind.imu:
         step.update_gyro()
@@ -85,7 +85,7 @@ def step_kernel(
                 step.update_accelerometer(axis)
         lane.cover_rounding()
         lane.keep_inside_bounds(by_imu=True)
-    elif kind.stands:
+    elif kind.may_stand:
         lane.cover_rounding()
     if kind.moves:
         step.propagate()
@@ -94,7 +94,7 @@ def step_kernel(
     return lane.kernel(name, with_fast_slip=kind.fast_slip)
 
 
-def twist_kernel(name: str, shape: FilterShape, numbers: Numbers | None = None) -> Kernel:
+def twist_kernel(name: str, shape: FilterShape, numbers: PlainNumbers | None = None) -> Kernel:
     """Make the kernel that evaluates a body velocity with its derivatives."""
     lane = Lane(shape, numbers, with_fast_slip=True)
     shares = [lane.constant(name) for name in SLIP_SHARES]
@@ -108,8 +108,7 @@ class Step:
 
     def __init__(self, lane: Lane, kind: StepKind) -> None:
         self.lane, self.kind = lane, kind
-        step_input: Any = lane.input
-        constant: Any = lane.constant
+        step_input, constant = lane.input, lane.constant
         self.slip = lane.slip
         self.imu_position = constant("imu_x"), constant("imu_y")
         self.noise = ImuNoise(*(step_input(f"{gate}_density") for gate in IMU_GATES))
@@ -118,18 +117,7 @@ class Step:
             (step_input("acceleration_left"), step_input("acceleration_right")),
             step_input("acceleration_variance"),
         )
-        self.stands: Any = False  # True if the robot is found standing at the end of the step
-        # True if the robot may be pushed, with its tracks at rest; a standing one is not.
-        self.pushed = step_input("slow") > 0.5
-        if kind.stands:
-            mean = step_input("quiet_mean")
-            self.stands = mean == mean  # not NaN
-            self.pushed = self.pushed & ~self.stands
-        elif not kind.imu or kind.in_step:
-            # The kernel before, of this step or of the newest IMU sample, found if the robot stands.
-            self.pushed = self.pushed & (lane.row("stood") < 0.5)
-        else:
-            lane.stores["stood"] = 0.0
+        self.stands, self.pushed = self._standing()
         left, right = step_input("left"), step_input("right")
         if kind.draws and lane.shape.model.memory:
             lane.advance_model(constant("dt"), left, right)
@@ -139,13 +127,31 @@ class Step:
             {i: row[i] for i in lane.layout.parameters if i in row} for row in self.model.rows
         )
 
+    def _standing(self) -> tuple[Truth, Truth]:
+        """Lanes that this kernel finds standing, and lanes that may be pushed.
+
+        Tracks of a pushed robot are at rest, too, but it does not stand.
+        """
+        lane, kind = self.lane, self.kind
+        tracks_rest = lane.input("slow") > 0.5
+        if kind.may_stand:
+            mean = lane.input("quiet_mean")
+            stands = mean == mean  # not NaN
+            return stands, tracks_rest & ~stands
+        if kind.imu and not kind.in_step:
+            # A step with an IMU sample that cannot find standing lanes has none.
+            lane.stores["stood"] = 0.0
+            return False, tracks_rest
+        # The kernel before, of this step or of the newest IMU sample, found the standing lanes.
+        return False, tracks_rest & (lane.row("stood") < 0.5)
+
     def _fades(self) -> list[GaussMarkov]:
         """Gauss-Markov processes of the slip, one for each component, over the step."""
         lane = self.lane
         times = model.slip_times(self.slip.time_constant, lane.row("slip_factor"))
         return [model.gauss_markov(lane.constant("dt"), tau) for tau in times]
 
-    def _shares(self) -> list[Any]:
+    def _shares(self) -> list[Real]:
         """Factors on the slip: its mean over the step is measured and moves the robot."""
         kind = self.kind
         # An IMU sample without a step shows the slip of its moment.
@@ -172,22 +178,20 @@ class Step:
         lane.P.states = sorted({*lane.P.states, *FAST})
 
     def _follow_regressors(self, now: model.TracedTwist, speeds: Any, shares: Any) -> None:
-        """Smooth the regressors for later steps.
+        """Smooth the regressors: derivatives by the parameters, and the yaw rate.
 
-        Regressors are the derivatives by the parameters, and the yaw rate, at the turn that tracks and
-        gyro both show: noise of either moves no parameter and no bias (errors in variables).
+        Noise in a regressor biases the state that it multiplies (errors in variables). So regressors are
+        those without slip, at the yaw rate that tracks and estimate share.
         """
-        lane, x = self.lane, self.lane.x.copy()
-        slip = shares[2] * x[s.SLIP_W] + x[s.FAST_SLIP_W]
-        by_left, by_right = now.by_speeds[2]
+        lane, x, estimated_rate = self.lane, self.lane.x.copy(), now.twist[2]
+        track_rate = estimated_rate - (shares[2] * x[s.SLIP_W] + x[s.FAST_SLIP_W])
         # The smaller one of the yaw rates with and without slip; zero if their signs differ.
-        estimated, track_rate = now.twist[2], now.twist[2] - slip
-        has_same_sign = estimated * track_rate > 0.0
+        smaller = select(abs(estimated_rate) < abs(track_rate), estimated_rate, track_rate)
+        shared_rate = select(estimated_rate * track_rate > 0.0, smaller, 0.0)
+        # Least change of the track speeds that gives the shared yaw rate without slip.
+        by_left, by_right = now.by_speeds[2]
         square = by_left * by_left + by_right * by_right
-        smaller = select(abs(estimated) < abs(track_rate), estimated, track_rate)
-        shown = select(has_same_sign, smaller, 0.0)
-        # Least change of the track speeds that gives that yaw rate.
-        scale = (shown - track_rate) / select(square > 0.0, square, 1.0)
+        scale = (shared_rate - track_rate) / select(square > 0.0, square, 1.0)
         x[s.SLIP] = x[s.FAST_SLIP] = 0.0
         parameters = lane.layout.parameters
         left, right = speeds[0] + by_left * scale, speeds[1] + by_right * scale
@@ -198,7 +202,7 @@ class Step:
             for i, value in row.items()
             if i in parameters
         }
-        for name, value in (*regressors.items(), (TURN, shown)):
+        for name, value in (*regressors.items(), (TURN, shared_rate)):
             before = lane.row(name)
             lane.stores[name] = before + lane.constant("smoothing") * (value - before)
 
@@ -268,25 +272,17 @@ class Step:
         lane, now = self.lane, self.model
         self.linearised_at = lane.x.copy()
         scale = 1.0 + lane.x[s.GYRO_SCALE]
-        row = {i: scale * value for i, value in now.rows[2].items()}
+        H = {i: scale * value for i, value in now.rows[2].items()}
         for state, derivative in ((s.GYRO_BIAS, 1.0), (s.GYRO_SCALE, lane.row(TURN))):
             if state in lane.P.states:
-                row[state] = row.get(state, 0.0) + derivative
+                H[state] = H.get(state, 0.0) + derivative
         rate = lane.input("rate")
         works = rate == rate  # NaN if the gyro fails
         z = select(works, rate, 0.0) - scale * now.twist[2] - lane.x[s.GYRO_BIAS]
-        variance = self.noise.gyro / lane.constant("interval")
-        part = (scale, self.regressors[2])
+        R = self.noise.gyro / lane.constant("interval")
+        part, fixed = (scale, self.regressors[2]), lane.fixed_for_gyro
         lane.gated(
-            "gyro",
-            z,
-            row,
-            variance,
-            part,
-            inflated=s.SLIP_W,
-            fixed=lane.fixed_for_gyro,
-            stand_in=s.SLIP_W,
-            only=works,
+            "gyro", z, H, R, part, inflated=s.SLIP_W, fixed=fixed, stand_in=s.SLIP_W, only=works
         )
 
     def update_accelerometer(self, axis: int) -> None:
@@ -350,7 +346,7 @@ class Step:
         with_rows = self._with_rows(now, move.climb)
         if lane.shape.reports:
             self._report_motion(motion, with_rows, fades, move.step)
-        lane.P = Covariance(self._moved(motion, with_rows))
+        lane.P = self._propagated(motion, with_rows)
         before = lane.x.copy()
         for i, rate in zip(GRAVITY, (tilt.pitch_rate, -tilt.roll_rate), strict=True):
             along = {k: motion.faded[i][k] for k in GRAVITY}
@@ -386,7 +382,7 @@ class Step:
 
     def _process_noise(
         self, move: MovedPose, tilt: model.Tilting, fades: Sequence[GaussMarkov]
-    ) -> tuple[dict[tuple[int, int], Any], Vector]:
+    ) -> tuple[dict[tuple[int, int], Real], Vector]:
         """Covariances that pose and height gain, and the variance that each state gains."""
         lane, sigma, dt = self.lane, self._sigma(), self.lane.constant("dt")
         walk = self._walks(tilt)
@@ -428,37 +424,35 @@ class Step:
             with_rows.append(climb.times(with_rows, by_gravity))
         return with_rows
 
-    def _moved(self, motion: Motion, with_rows: Sequence[Vector]) -> dict[tuple[int, int], Any]:
-        """Entries of the covariance F P F' + Q.
+    def _propagated(self, motion: Motion, with_rows: Sequence[Vector]) -> Covariance:
+        """Propagate the covariance: F P F' + Q.
 
-        With J the derivatives of the twist: with_rows = P J', twist_covariance = J P J', carried = F P in
-        the rows of pose and height.
+        Rows of F are e_i + yaws[i] e_yaw + M_dt[i] J for pose and height, with J the derivatives of the
+        twist, and `faded` for all other states; with_rows = P J'.
         """
         P, states = self.lane.P, self.lane.shape.states
         rows, M_dt, yaws, faded, noise, own = motion
-        count = len(rows)
-        twist_covariance = np.empty((count, count), dtype=object)
-        for k in range(count):
-            for m in range(k, count):
+        moving = range(len(rows))  # pose and height
+
+        def times_F(i: int, vector: Any, J_vector: Sequence[Real]) -> Real:
+            """Product of row i of F, for pose or height, with a vector v, given J v."""
+            by_twist = sum((M_dt[i][k] * J_vector[k] for k in moving), start=0.0)
+            return vector[i] + yaws[i] * vector[s.YAW] + by_twist
+
+        twist_covariance = np.empty((len(rows), len(rows)), dtype=object)  # J P J'
+        for k in moving:
+            for m in moving[k:]:
                 twist_covariance[k, m] = twist_covariance[m, k] = dot(with_rows[k], rows[m])
-        carried: dict[tuple[int, int], Any] = {}
-        for i in range(count):
-            for j in P.states:
-                moved = sum((M_dt[i][k] * with_rows[k][j] for k in range(count)), start=0.0)
-                carried[i, j] = P.entry(i, j) + yaws[i] * P.entry(s.YAW, j) + moved
-        after: dict[tuple[int, int], Any] = {}
-        for i in range(count):
-            # The carried row times the derivatives of the twist.
-            times = [
-                with_rows[m][i]
-                + yaws[i] * with_rows[m][s.YAW]
-                + sum((M_dt[i][k] * twist_covariance[k][m] for k in range(count)), start=0.0)
-                for m in range(count)
-            ]
-            for k in range(i, count):
-                moved = sum((M_dt[k][m] * times[m] for m in range(count)), start=0.0)
-                after[i, k] = carried[i, k] + yaws[k] * carried[i, s.YAW] + moved
-                after[i, k] = after[i, k] + noise[i, k]
+        carried: dict[tuple[int, int], Real] = {}  # F P, in the rows of pose and height
+        for j in P.states:
+            column, J_column = [P.entry(i, j) for i in moving], [row[j] for row in with_rows]
+            carried |= {(i, j): times_F(i, column, J_column) for i in moving}
+        after: dict[tuple[int, int], Real] = {}
+        for i in moving:
+            carried_row = [carried[i, j] for j in moving]
+            J_row = [times_F(i, with_rows[m], twist_covariance[m]) for m in moving]
+            for k in moving[i:]:
+                after[i, k] = times_F(k, carried_row, J_row) + noise[i, k]
             for j in states:
                 if j >= s.MOVED.stop:
                     moved = sum((by * carried[i, b] for b, by in faded[j].items()), start=0.0)
@@ -477,20 +471,20 @@ class Step:
                         after[i, j] = P.between(faded[i], {j: 1.0})
                     elif i >= s.SIZE:
                         after[j, i] = P.between(faded[i], {j: 1.0})
-        return after
+        return Covariance(after)
 
     def _report_motion(
         self,
         motion: Motion,
         with_rows: Sequence[Vector],
         fades: Sequence[GaussMarkov],
-        step: Sequence[Any],
+        step: Sequence[Real],
     ) -> None:
         """Report a propagation, see `Moved`."""
         lane, states = self.lane, self.lane.P.states
         rows, M_dt, yaws, faded, pose_noise, own = motion
 
-        def times_M(vectors: Sequence[Vector]) -> list[list[Any]]:
+        def times_M(vectors: Sequence[Vector]) -> list[list[Real]]:
             """Product of M dt with the rows `vectors`, by pose or height and by state."""
             moved = [combined({}, *zip(factors, vectors, strict=True)) for factors in M_dt]
             return [[row.get(j, 0.0) for j in states] for row in moved]
@@ -531,14 +525,14 @@ def _noise_of_pose(
     walk: Vector,
     sigma: Any,
     fades: Sequence[GaussMarkov],
-    dt: Any,
-) -> dict[tuple[int, int], Any]:
+    dt: Real,
+) -> dict[tuple[int, int], Real]:
     """Covariances of pose and height that random walks and slip add over a step.
 
     The slip of w within the step is part of the fast slip.
     """
     half, third = 0.5 * dt * dt, dt * dt * dt * (1.0 / 3.0)
-    noise: dict[tuple[int, int], Any] = {}
+    noise: dict[tuple[int, int], Real] = {}
     count = len(rows)
     by_state = [
         {j: sum((M[i][k] * rows[k].get(j, 0.0) for k in range(count)), start=0.0) for j in walk}
@@ -559,6 +553,6 @@ def _noise_of_pose(
     return noise
 
 
-def _product(a: Any, b: Any) -> list[list[Any]]:
+def _product(a: Any, b: Any) -> list[list[Real]]:
     """Product of two matrices (3, 3)."""
     return [[sum(row[k] * b[k][j] for k in range(3)) for j in range(3)] for row in a]

@@ -169,10 +169,8 @@ def process_position(
         step_inputs[MODE, :] = SKIPPED
         run_kernel(kernel, workspace, step_inputs, constants)
     for lane in range(width):
-        step_inputs[FIX_VARIANCE, lane], step_inputs[MODE, lane] = (
-            stated_variances[lane],
-            modes[lane],
-        )
+        step_inputs[FIX_VARIANCE, lane] = stated_variances[lane]
+        step_inputs[MODE, lane] = modes[lane]
 
 
 def relocate_lost(

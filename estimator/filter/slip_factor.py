@@ -1,13 +1,19 @@
-"""Factor on the slip, and scatter, by successive fixes.
+"""Factor on the slip, and scatter, by successive position fixes.
 
-The innovations of a filter with the right slip are white: they are uncorrelated. If the slip is
-larger than assumed, or the parameters are those of other ground, those of successive fixes point to the
-same side of the robot. Their weighted mean shows that long before the size of single ones does: an error
-of 2 cm/s is less than the noise of a fix, and the mean of five fixes is not.
+The innovations of a filter with the right slip are white: they are uncorrelated. If the slip is larger
+than assumed, or the parameters are those of other ground, those of successive fixes point to the same
+side of the robot. Their weighted mean, the trend, shows that long before the size of single ones does:
+an error of 2 cm/s is less than the noise of a fix, and the mean of five fixes is not. Errors of fixes
+that wander point to one side, too, but are no larger than the fixes state, while slip makes innovations
+larger. So a trend of small ones counts less.
 
-Errors of fixes that wander point to one side, too. But their size is within what the fixes state: single
-innovations are then smaller than expected, while slip makes them larger. So a trend of small ones counts
-less.
+Calls for each position fix, in order:
+
+1. Before the gate, `lasting_slip` inflates slip and position; for a pose fix, which has this part alone,
+   it is `inflate_by_lasting_slip`.
+2. If the gate admits it: `normalised`, `trend_after`, `present_factor_after`, `slip_factor_after`, each
+   with the result of the one before. The last one is the factor of the next steps.
+3. Unless the filter estimates wander, `follow_scatter`; `inflate_by_corrections` if it finds scatter.
 
 Functions of plain numbers are written for plain Python, for numba and, traced, for lanes.
 """
@@ -42,6 +48,15 @@ ROUNDING = 1e-12
 # since a factor that cannot fall below 1 would grow by chance alone.
 EXPECTED_SQUARE = 1.25
 LARGEST_SQUARE, LARGEST_FACTOR = 10.0, 6.0  # largest one that counts, and largest factor
+# Weighted mean of normalised innovations, to the front and to the left of the robot, and their size: the
+# mean NIS of a degree of freedom.
+Trend = tuple[Any, Any, Any]
+
+
+def inflate_by_lasting_slip(ekf: Ekf, yaw: float, interval: float) -> None:
+    """Inflate slip and position by the slip that has faded in an interval [s]."""
+    faded = lasting_slip(ekf.x.item(s.SLIP_X), (math.cos(yaw), math.sin(yaw)), interval)
+    ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(faded, faded), of_motion=True)
 
 
 def normalised(
@@ -66,21 +81,17 @@ def normalised(
     return forward / math.sqrt(variance), rest / math.sqrt(rest_variance)
 
 
-def trend_after(trend: tuple[Any, Any, Any], ahead: Any, beside: Any) -> tuple[Any, Any, Any]:
-    """Mean of the normalised innovations of position fixes, with a newer fix.
-
-    The trend is this mean, to the front and to the left of the robot, and its size: mean NIS of a degree
-    of freedom. `ahead` and `beside` are the newer fix's innovation, see `normalised` [-].
-    """
+def trend_after(trend: Trend, z_forward: Any, z_left: Any) -> Trend:
+    """Trend with the innovation of a newer fix, see `normalised` [-]."""
     forward, left, size = trend
     return (
-        forward + TREND_WEIGHT * (ahead - forward),
-        left + TREND_WEIGHT * (beside - left),
-        size + SIZE_WEIGHT * (0.5 * (ahead * ahead + beside * beside) - size),
+        forward + TREND_WEIGHT * (z_forward - forward),
+        left + TREND_WEIGHT * (z_left - left),
+        size + SIZE_WEIGHT * (0.5 * (z_forward * z_forward + z_left * z_left) - size),
     )
 
 
-def present_factor_after(factor: Any, trend: tuple[Any, Any, Any], left: Any, right: Any) -> Any:
+def present_factor_after(factor: Any, trend: Trend, left: Any, right: Any) -> Any:
     """Factor on the slip by the newest fixes, after one that the gate admitted.
 
     The normalised square of the trend is 1 in the mean if the innovations are white. The factor grows
@@ -112,14 +123,8 @@ def share_of_moving(left: Any, right: Any) -> Any:
     return min(1.0, travel_speed(left, right) / MOVING)
 
 
-def let_slip_last(ekf: Ekf, yaw: float, interval: float) -> None:
-    """Inflate slip and position by the slip that has faded in an interval [s]."""
-    faded = lasting_slip(ekf.x.item(s.SLIP_X), (math.cos(yaw), math.sin(yaw)), interval)
-    ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(faded, faded), of_motion=True)
-
-
 def follow_scatter(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
-    """Add a position fix and its innovation to the scatter, see `add_fix`."""
+    """Add a position fix to the scatter; True if scatter is newly found."""
     x, y = normalised(fix.z, fix.S)
     count_innovation(scatter, x, y)
     return add_fix(scatter, fix, correction)

@@ -225,7 +225,7 @@ def _float(value: Any) -> float:
     if type(value) is float:
         return value
     if getattr(value, "ndim", None) == 0 and not isinstance(value, np.generic):
-        value = value.item()
+        value = value.item()  # of an array without dimensions
     if isinstance(value, bool) or not isinstance(value, Real | Decimal):
         raise TypeError
     try:

@@ -339,12 +339,12 @@ def pose_nees(
     errors = interpolate_poses(estimate.pose_series, stamps) - interpolate_poses(truth, stamps)
     errors[:, 2] = wrap_angle(errors[:, 2])
     covariances = estimate.pose_covariances[np.searchsorted(estimate.stamps, stamps)]
-    counts = regular(covariances)
+    is_regular = regular(covariances)
     if position_only:
         # With an independent error of zero the yaw adds nothing.
         errors[:, 2], covariances[:, 2], covariances[:, :, 2] = 0.0, 0.0, 0.0
         covariances[:, 2, 2] = 1.0
-    return nees(errors[counts], covariances[counts])
+    return nees(errors[is_regular], covariances[is_regular])
 
 
 def without_fixes(fix_stamps: Stamps, start: int, end: int, shortest: float) -> list[Interval]:

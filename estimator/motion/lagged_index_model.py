@@ -90,7 +90,7 @@ class LaggedIndexMotion:
     ) -> None:
         """Begin a step, as in `MotionModel`."""
         keep = math.exp(-dt / self.vehicle.load_lag)
-        after = advanced(self._memory, keep, (V_l, V_r), parameters, gravity, self.vehicle)
+        after = memory_after(self._memory, keep, (V_l, V_r), parameters, gravity, self.vehicle)
         self._memory = np.array(after, dtype=float)
 
     def linearise(
@@ -100,7 +100,7 @@ class LaggedIndexMotion:
         return linearise(V_l, V_r, parameters, slip, gravity, self.vehicle, self._memory)
 
 
-def advanced(
+def memory_after(
     memory: Any,
     keep: Number,
     speeds: tuple[Number, Number],
@@ -118,32 +118,34 @@ def advanced(
         gravity: gravity along the ground, right and forward [m/s²].
         vehicle: constants of the vehicle.
     """
+    u_before, V_before, _, has_begun = memory
     V_m = 0.5 * (speeds[0] + speeds[1])
-    started = memory[3]
     at = evaluate(*speeds, parameters, gravity, vehicle, memory)
     twist, x_CM, epsilon_F = at.kinematic, vehicle.x_CM, parameters[8]
-    slide = -twist.w * at.frees[1] * epsilon_F * at.by_gravity[1] * gravity[1]
+    slide = -twist.w * at.within_limits[1] * epsilon_F * at.signed_P_by_gravity * gravity[1]
     force = -vehicle.mass * twist.w * (twist.v_y - slide + x_CM * twist.w)
-    kept = started * keep
-    u = force + kept * (memory[0] - force)
-    V_before = started * memory[1] + (1.0 - started) * V_m
+    # Before the first step the motion was steady: the force at once, and no acceleration.
+    u = force + has_begun * keep * (u_before - force)
+    V_before = has_begun * V_before + (1.0 - has_begun) * V_m
     V_after = V_m + keep * (V_before - V_m)
-    return u, V_after, (V_m - V_after) / vehicle.load_lag, 1.0 + 0.0 * started
+    return u, V_after, (V_m - V_after) / vehicle.load_lag, 1.0 + 0.0 * has_begun
 
 
 class Evaluation(NamedTuple):
-    """Evaluation of the model, with the derivatives of its limits."""
+    """Evaluation of the model; `a_by_b` is the derivative of a by b."""
 
     kinematic: PaperTwist  # twist without slip
     indices: IndexValues  # index values
     S: Number  # signed specific force, limited to the weight [N]
     force: Number  # the same without the limit [N]
-    Z_S: Number  # derivative of Z by S, -sign(D) [-]
-    P: Number  # force along the tracks times sign(D), as a share of the weight [-]
-    by_gravity: tuple[Number, Number]  # derivatives of S by gravity to the right, of P forward
-    by_rolling: tuple[Number, Number]  # derivatives of P by the speeds of both tracks [s/m]
-    eta_S: Number  # derivative of eta by S [1/N]
-    frees: tuple[Number, Number, Number]  # 1 where zeta, epsilon, eta are within limits, else 0
+    Z_by_S: Number  # -sign(D) [-]
+    signed_P: Number  # sign(D) P, which is epsilon_by_epsilon_F [-]
+    S_by_gravity: Number  # by gravity to the right [kg]
+    signed_P_by_gravity: Number  # by gravity forward [s²/m]
+    signed_P_by_speeds: tuple[Number, Number]  # by the speeds of both tracks [s/m]
+    eta_by_S: Number  # [1/N]
+    # 1 where zeta, epsilon and eta are within their limits, else 0
+    within_limits: tuple[Number, Number, Number]
 
 
 def evaluate(
@@ -154,26 +156,27 @@ def evaluate(
     vehicle: VehicleConstants,
     memory: Any,
 ) -> Evaluation:
-    """Evaluate forces, indices and twist; arguments as in `advanced`."""
+    """Evaluate forces, indices and twist; arguments as in `memory_after`."""
     zeta0, zeta1, epsilon0, epsilon1 = parameters[1], parameters[2], parameters[3], parameters[4]
     eta0, eta1, eta2, epsilon_F = parameters[5], parameters[6], parameters[7], parameters[8]
     D, V_m = V_r - V_l, 0.5 * (V_l + V_r)
     weight, sign_D = vehicle.mass * GRAVITY, sign(D)
-    force = memory[0] - vehicle.mass * gravity[0]
-    S, S_free = limited(force, weight)
-    half_rolling, rolls_l, rolls_r = 0.5 * vehicle.rolling_resistance, _rolls(V_l), _rolls(V_r)
-    along, along_free = limited((memory[2] - gravity[1]) / GRAVITY, 1.0)
-    P = half_rolling * (rolls_l[0] + rolls_r[0]) + along
-    by_rolling = sign_D * half_rolling
+    u, _, acceleration, _ = memory
+    force = u - vehicle.mass * gravity[0]
+    S, S_within = limited(force, weight)
+    half_c = 0.5 * vehicle.rolling_resistance
+    (sigma_l, sigma_l_by_V), (sigma_r, sigma_r_by_V) = _sigma(V_l), _sigma(V_r)
+    A, A_within = limited((acceleration - gravity[1]) / GRAVITY, 1.0)
+    P = half_c * (sigma_l + sigma_r) + A
     eta_sum = eta0 + eta1 * S + eta2 * S * S
     # A track never turns the vehicle more than the ideal differential drive does.
-    eta_free = at_or_above(eta_sum, 1.0)
-    eta = eta_free * eta_sum + (1.0 - eta_free)
-    half = 0.5 * vehicle.gauge * eta
+    eta_within = at_or_above(eta_sum, 1.0)
+    eta = eta_within * eta_sum + (1.0 - eta_within)
+    half_effective_gauge = 0.5 * vehicle.gauge * eta
     epsilon_sum = epsilon0 + epsilon1 * S + epsilon_F * sign_D * P
-    epsilon, epsilon_free = limited(epsilon_sum, (1.0 - CLOSEST) * half)
-    zeta_sum = zeta0 - zeta1 * sign_D * S - vehicle.zeta_F * along
-    zeta, zeta_free = limited(zeta_sum, 2.0 * half)
+    epsilon, epsilon_within = limited(epsilon_sum, (1.0 - CLOSEST) * half_effective_gauge)
+    zeta_sum = zeta0 - zeta1 * sign_D * S - vehicle.zeta_F * A
+    zeta, zeta_within = limited(zeta_sum, 2.0 * half_effective_gauge)
     w = D / (vehicle.gauge * eta)
     return Evaluation(
         PaperTwist(w * zeta, V_m - w * epsilon, w),
@@ -182,10 +185,11 @@ def evaluate(
         force,
         -sign_D,
         sign_D * P,
-        (-vehicle.mass * S_free, -sign_D * along_free / GRAVITY),
-        (by_rolling * rolls_l[1], by_rolling * rolls_r[1]),
-        eta_free * (eta1 + 2.0 * eta2 * S),
-        (zeta_free, epsilon_free, eta_free),
+        -vehicle.mass * S_within,
+        -sign_D * A_within / GRAVITY,
+        (sign_D * half_c * sigma_l_by_V, sign_D * half_c * sigma_r_by_V),
+        eta_within * (eta1 + 2.0 * eta2 * S),
+        (zeta_within, epsilon_within, eta_within),
     )
 
 
@@ -201,15 +205,15 @@ def linearise(
     """Compute the motion and the derivatives of its twist; lagged forces are inputs."""
     at = evaluate(V_l, V_r, parameters, gravity, vehicle, memory)
     zeta1, epsilon1, epsilon_F = parameters[2], parameters[4], parameters[8]
-    (zeta, epsilon, eta), (zeta_free, epsilon_free, eta_free) = at.indices, at.frees
+    (zeta, epsilon, eta), (zeta_within, epsilon_within, eta_within) = at.indices, at.within_limits
     v_x, v_y, w = at.kinematic.v_x, at.kinematic.v_y, at.kinematic.w
     zero = 0.0 * w  # zero and one of the type of the arguments: float, complex or traced
     one = 1.0 + zero
     # From v_x = w zeta and v_y = V_m - w epsilon, where the limits do not act.
-    v_x_by_zeta, v_y_by_epsilon = w * zeta_free, -w * epsilon_free
-    by_eta = _by_eta(at, vehicle.gauge)
-    by_eta_sum = (eta_free * by_eta[0], eta_free * by_eta[1], eta_free * by_eta[2])
-    gains = (at.Z_S * at.S, at.S, at.S * at.S, at.P)
+    v_x_by_zeta, v_y_by_epsilon = w * zeta_within, -w * epsilon_within
+    v_x_by_eta, v_y_by_eta, w_by_eta = _by_eta(at, vehicle.gauge)
+    by_eta_sum = (eta_within * v_x_by_eta, eta_within * v_y_by_eta, eta_within * w_by_eta)
+    gains = (at.Z_by_S * at.S, at.S, at.S * at.S, at.signed_P)
     by_parameters = (
         _by_parameters(v_x_by_zeta, zero, by_eta_sum[0], gains),
         _by_parameters(zero, v_y_by_epsilon, by_eta_sum[1], gains),
@@ -217,19 +221,19 @@ def linearise(
     )
     per_D = 1.0 / (vehicle.gauge * eta)
     v_x_by_D, v_y_by_D, v_y_by_P = zeta * per_D, -epsilon * per_D, v_y_by_epsilon * epsilon_F
-    P_by_left, P_by_right = at.by_rolling
+    P_by_left, P_by_right = at.signed_P_by_speeds  # P times sign(D), in v_y_by_P, too
     by_speeds = (
         (zero - v_x_by_D, zero + v_x_by_D),
         (0.5 - v_y_by_D + v_y_by_P * P_by_left, 0.5 + v_y_by_D + v_y_by_P * P_by_right),
         (zero - per_D, zero + per_D),
     )
-    S_by_right, P_by_forward = at.by_gravity
-    v_x_by_S = v_x_by_zeta * zeta1 * at.Z_S + by_eta[0] * at.eta_S
-    v_y_by_S = v_y_by_epsilon * epsilon1 + by_eta[1] * at.eta_S
+    v_x_by_S = v_x_by_zeta * zeta1 * at.Z_by_S + v_x_by_eta * at.eta_by_S
+    v_y_by_S = v_y_by_epsilon * epsilon1 + v_y_by_eta * at.eta_by_S
+    v_x_by_signed_A = v_x_by_zeta * vehicle.zeta_F * at.Z_by_S
     by_gravity = (
-        (S_by_right * v_x_by_S, v_x_by_zeta * vehicle.zeta_F * at.Z_S * P_by_forward),
-        (S_by_right * v_y_by_S, v_y_by_P * P_by_forward),
-        (S_by_right * (by_eta[2] * at.eta_S), zero),
+        (at.S_by_gravity * v_x_by_S, v_x_by_signed_A * at.signed_P_by_gravity),
+        (at.S_by_gravity * v_y_by_S, v_y_by_P * at.signed_P_by_gravity),
+        (at.S_by_gravity * (w_by_eta * at.eta_by_S), zero),
     )
     by_slip = ((one, zero, zero), (zero, one, zero), (zero, zero, one))
     twist = PaperTwist(v_x + slip[0], v_y + slip[1], w + slip[2])
@@ -239,10 +243,11 @@ def linearise(
 
 def _by_eta(at: Evaluation, gauge: Number) -> tuple[Number, Number, Number]:
     """Derivatives (3,) of the twist by eta, on which w and two limits depend."""
-    (zeta, epsilon, eta), (zeta_free, epsilon_free, _), w = at.indices, at.frees, at.kinematic.w
-    w_by_eta, half = -w / eta, 0.5 * gauge
-    epsilon_by_eta = (1.0 - epsilon_free) * sign(epsilon) * (1.0 - CLOSEST) * half
-    zeta_by_eta = (1.0 - zeta_free) * sign(zeta) * 2.0 * half
+    (zeta, epsilon, eta), w = at.indices, at.kinematic.w
+    zeta_within, epsilon_within, _ = at.within_limits
+    w_by_eta, half_gauge = -w / eta, 0.5 * gauge
+    epsilon_by_eta = (1.0 - epsilon_within) * sign(epsilon) * (1.0 - CLOSEST) * half_gauge
+    zeta_by_eta = (1.0 - zeta_within) * sign(zeta) * 2.0 * half_gauge
     return w_by_eta * zeta + w * zeta_by_eta, -w_by_eta * epsilon - w * epsilon_by_eta, w_by_eta
 
 
@@ -254,17 +259,17 @@ def _by_parameters(
     Given are those by zeta, epsilon and eta. That by H is zero. The gains are derivatives: zeta by zeta1,
     epsilon by epsilon1 (and eta by eta1), eta by eta2, and epsilon by epsilon_F.
     """
-    of_zeta, of_S, of_square, of_P = gains
+    zeta_by_zeta1, S, S_squared, signed_P = gains
     return (
         0.0 * zeta,
         zeta,
-        zeta * of_zeta,
+        zeta * zeta_by_zeta1,
         epsilon,
-        epsilon * of_S,
+        epsilon * S,
         eta,
-        eta * of_S,
-        eta * of_square,
-        epsilon * of_P,
+        eta * S,
+        eta * S_squared,
+        epsilon * signed_P,
     )
 
 
@@ -274,7 +279,7 @@ def limited(value: Number, limit: Number) -> tuple[Number, Number]:
     return (1.0 - is_above) * value + is_above * sign(value) * limit, 1.0 - is_above
 
 
-def _rolls(V: Number) -> tuple[Number, Number]:
+def _sigma(V: Number) -> tuple[Number, Number]:
     """Sign of a track's speed, smooth at standstill, and its derivative [s/m]."""
     share, is_slow = limited(V / ROLLS_AT, 1.0)
     return share, is_slow / ROLLS_AT

@@ -238,9 +238,9 @@ class TrackLatencyEstimator:
         """Add windows: turning by the tracks (n, m), for each shift, and by the gyro (n,)."""
         while len(y):
             turned = self._turned + np.cumsum(np.abs(y)) * (WINDOW_STEP / WINDOW)
-            count = int(np.searchsorted(turned, BLOCK)) + 1
+            count = int(np.searchsorted(turned, BLOCK)) + 1  # of windows to the end of a block
             block_x, block_y, ones = x[:count], y[:count], np.ones(len(SHIFTS))
-            # Sums of 1, x, y, x², x y and y².
+            # Sums of 1, x, y, x², x y and y², for each shift.
             self._open += [
                 len(block_y) * ones,
                 block_x.sum(axis=0),
@@ -250,7 +250,7 @@ class TrackLatencyEstimator:
                 block_y @ block_y * ones,
             ]
             self._turned = float(turned[len(block_y) - 1])
-            if count <= len(y):
+            if count <= len(y):  # the block is complete
                 self._blocks.append(self._open)
                 self._open, self._turned = np.zeros((6, len(SHIFTS))), 0.0
                 self.completed += 1

@@ -361,7 +361,7 @@ class Reckoning:
             return False
         interval = gate.interval_to(m.stamp)
         if model.is_place:
-            slip_factor.let_slip_last(ekf, predicted.values.item(s.YAW), interval)
+            slip_factor.inflate_by_lasting_slip(ekf, predicted.values.item(s.YAW), interval)
         if model.predicts == "height" and not gate.counts.judged:
             # The first height sets the state.
             ekf.inflate(s.Z, variance=(3.0 * innovation.z.item()) ** 2 + 9.0 * innovation.R.item())

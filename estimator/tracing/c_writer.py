@@ -251,7 +251,7 @@ class FunctionWriter:
         match target:
             case ast.Name(id=name):
                 if code.type.kind == "array" and name not in self._locals and code.text == "{0}":
-                    self._local(name, code.type)
+                    self._local(name, code.type)  # its declaration makes the zeros
                     return
                 self._local(name, code.type, is_alias=True)
                 declared = self._locals[name]

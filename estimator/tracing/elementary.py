@@ -102,6 +102,7 @@ def traced(function: Callable[..., Any]) -> Any:
     twins: dict[Any, Any] = {}
 
     def twin(original: Any) -> Any:
+        """Copy a function whose global names lead to functions of traced numbers."""
         if original not in twins:
             names = dict(original.__globals__)
             copy = FunctionType(original.__code__, names, original.__name__, original.__defaults__)

@@ -30,6 +30,8 @@ RELATIONS: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,
     "==": operator.eq,
 }
+Real: TypeAlias = Any  # a traced or a plain number
+Truth: TypeAlias = Any  # a traced or a plain truth value
 Operator: TypeAlias = "Callable[[Traced, Any], Traced]"
 
 
@@ -180,7 +182,7 @@ def power_of_two(exponent: Traced) -> Traced:
 
 
 def truth_as_number(value: Any) -> Any:
-    """Number of a truth value: 1 or 0."""
+    """Real of a truth value: 1 or 0."""
     return select(value, 1.0, 0.0)
 
 

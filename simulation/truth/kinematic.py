@@ -15,7 +15,7 @@ from icreckon.estimator.base.errors import WRONG_SIZE
 from icreckon.estimator.base.frames import paper_to_rep103
 from icreckon.estimator.base.state import PARAMETER_COUNT as COUNT
 from icreckon.estimator.motion.bounds import ETA0
-from icreckon.estimator.motion.lagged_index_model import advanced, evaluate
+from icreckon.estimator.motion.lagged_index_model import evaluate, memory_after
 from icreckon.estimator.motion.motion_model import VehicleConstants
 from icreckon.estimator.robot.robot_file import Indices, Robot
 from icreckon.estimator.robot.variants import find_variant, initial_parameters, vehicle_constants
@@ -90,6 +90,6 @@ def lagged_twists(
     memory, level = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0)
     for row in range(len(speeds)):
         left, right = speeds[row, 0], speeds[row, 1]
-        memory = advanced(memory, decay, (left, right), parameters, level, vehicle)
+        memory = memory_after(memory, decay, (left, right), parameters, level, vehicle)
         twist = evaluate(left, right, parameters, level, vehicle, memory).kinematic
         twists[row, 0], twists[row, 1], twists[row, 2] = twist.v_x, twist.v_y, twist.w
