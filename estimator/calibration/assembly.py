@@ -24,9 +24,7 @@ from icreckon.estimator.robot.robot_file import Robot
 Refit = Callable[[str, dict[str, float], frozenset[str]], Fit]
 """Fit of a model: its name, initial values, parameters to hold at these."""
 
-LEAST_SHIFT = (
-    0.1  # difference of a written value from that of a row that is noted [standard errors]
-)
+LEAST_SHIFT = 0.1  # standard errors between a found and a written value that are noted [-]
 LEAST_CHANGE = 1e-3
 """A larger shift of the centre of mass [m] changes the meaning of the inertia-based parameters; a larger
 change of a scale [-] changes the meaning of all parameters."""

@@ -184,7 +184,7 @@ def _solve_banded(bands: Floats, columns: Floats) -> tuple[Floats, Floats]:
     factor, solved, failed = dpbsv(bands, columns, lower=True)
     if failed or not np.isfinite(solved).all():
         raise np.linalg.LinAlgError("a covariance of residuals is not positive definite")
-    return solved.reshape(columns.shape), factor
+    return solved, factor
 
 
 def flattening(noise: Noise, residuals: Floats) -> float:

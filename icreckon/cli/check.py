@@ -50,8 +50,9 @@ def command(
         log, notes=(*log.notes, *robot_check.commanded(robot), *robot_check.far_centre(robot))
     )
     checks = robot_check.check_robot(log, robot)
-    worth, has_both = None, len(log.tracks.stamps) > 0 and log.imu is not None
-    is_seen = has_both and any(check.measured is not None for check in checks)
+    worth = None
+    has_streams = len(log.tracks.stamps) > 0 and log.imu is not None
+    is_seen = has_streams and any(check.measured is not None for check in checks)
     if is_seen:
         # If the filter cannot run with all corrections, the checks are shown without costs.
         title, kernels = "filtering, as the file is and corrected", kernels_of([VARIANT])

@@ -88,6 +88,7 @@ def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
     correlation = math.exp(-step / wander.time) if wander_sigma else 0.0
     poses, generator = interpolate_poses(path, stamps), np.random.default_rng(0)
     percents: dict[str, list[float]] = {}
+    scored = scored_parts(log)
     for _ in range(NOISE_ROUNDS):
         white, driving = generator.standard_normal((2, len(stamps), 2))
         driving[1:] *= math.sqrt(1.0 - correlation**2)
@@ -98,7 +99,7 @@ def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
         if truth is None:
             return {}
         for horizon in HORIZONS:
-            segments = drift(path, truth.poses, horizon, within=scored_parts(log))
+            segments = drift(path, truth.poses, horizon, within=scored)
             percents.setdefault(f"{horizon:g}s", []).append(segments.percent_mean)
     return {label: float(np.mean(values)) for label, values in percents.items()}
 

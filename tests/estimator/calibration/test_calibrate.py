@@ -332,6 +332,32 @@ def test_real_logs_give_what_is_known_of_them(
 
 
 ROBOT = load_robot("auriga-alpha")
+
+
+def test_an_angle_is_found_within_half_a_turn_of_the_files() -> None:
+    """An IMU upside down: 178° of roll are 2.1° from the -179.9° of the file."""
+    real, file = (
+        changed_robot(ROBOT, {"imu.rotation_rpy_deg": (roll, 0.0, 0.0)}) for roll in (178.0, -179.9)
+    )
+    drive = {"duration": 60.0, "trajectory": "aggressive", "truth": "kinematic", "fix_rate": 0.0}
+    found = calibrate([simulate(Scenario(**drive), real)], file, models=("constant",))
+    (roll,) = (row for row in found.parameters if row.name == "imu.roll")
+    assert roll.before == -179.9
+    # The mean of the accelerometer's bias is a part of it.
+    assert roll.value == pytest.approx(-182.0, abs=1.2)
+    assert found.robot.imu.rotation_rpy_deg[0] == pytest.approx(roll.value + 360.0)
+
+
+def test_a_written_index_is_the_found_one_or_noted() -> None:
+    log = simulate(Scenario(duration=90.0, trajectory="aggressive", fix_rate=0.0), ROBOT)
+    found = calibrate([log], ROBOT)
+    rows = [row for row in found.parameters if row.name.startswith("indices.") and row.sigma]
+    assert len(rows) > 4
+    for row in rows:
+        written = getattr(found.robot.indices, row.name.removeprefix("indices."))
+        assert abs(written - row.value) <= 0.1 * row.sigma or row.note, row
+
+
 SCALE, BIAS = 1.02, 0.012
 
 
