@@ -89,7 +89,8 @@ def sample_inputs(
     slow = 1.0 if may_be_pushed(record) else 0.0
     measure_noise(record.noise, stamp, rate, force_x, force_y, settings.hold)
     spread = measured_noise(record.noise.gyro)
-    mean = quiet_mean(record.still, stamps, rates, stamp, rate, spread, settings)
+    is_stale = stamp - record.tracks.stamp > settings.hold_ns
+    mean = quiet_mean(record.still, stamps, rates, stamp, rate, spread, is_stale, settings)
     record.stands = 1 if mean == mean else 0
     fill_tracks(record, inputs, lane, stamp)
     inputs[SLOW, lane], inputs[QUIET_MEAN, lane], inputs[RATE, lane] = slow, mean, rate

@@ -119,7 +119,8 @@ class ReferenceFilter:
         tilt_density = add_rates(record.tilt, record.imu.interval, rate, *tilt_rates.tolist())
         measure_noise(record.noise, m.stamp, rate, along[0], along[1], self._settings.hold)
         spread, still = measured_noise(record.noise.gyro), record.still
-        mean = self._readings.mean(still, m.stamp, rate, spread, record.settings)
+        is_stale = m.stamp - record.tracks.stamp > record.settings.hold_ns
+        mean = self._readings.mean(still, m.stamp, rate, spread, is_stale, record.settings)
         noise, record.stands = noise_of_step(record.noise, still, record.settings), mean == mean
         # Predict the twist of the step: a new fast slip, and smoothed derivatives by the parameters.
         dt = (m.stamp - record.stamp) * NANOSECOND

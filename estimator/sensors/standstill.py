@@ -65,12 +65,17 @@ def stopped_after(
     """Add speeds of both tracks [m/s] at a stamp [ns]; below `track_speed` they rest."""
     if abs(left) >= track_speed or abs(right) >= track_speed:
         if still.stopped_since != NEVER:
-            still.stopped_since = still.changed_at = NEVER
-            still.mean_before = still.quiet_mean
-            settle(still)
-            still.first = still.end = 0
+            end_rest(still)
     elif still.stopped_since == NEVER:
         still.stopped_since = stamp
+
+
+def end_rest(still: StandstillRecord) -> None:
+    """End the rest of the tracks."""
+    still.stopped_since = still.changed_at = NEVER
+    still.mean_before = still.quiet_mean
+    settle(still)
+    still.first = still.end = 0
 
 
 def tracks_rest(still: StandstillRecord) -> bool:
@@ -85,11 +90,13 @@ def quiet_mean(
     stamp: int,
     rate: float,
     noise: float,
+    is_stale: bool,
     settings: InputSettings,
 ) -> float:
     """Add a yaw-rate reading; return the mean of quiet readings at standstill.
 
     The mean is NaN if the tracks move, readings were not quiet for long enough, or the mean is no bias.
+    Without newer track speeds a rest lasts until the readings or their mean show that it may have ended.
 
     Args:
         still: record, changed in place.
@@ -98,6 +105,7 @@ def quiet_mean(
         stamp: stamp of the reading [ns].
         rate: the reading [rad/s], NaN if the gyro fails.
         noise: measured noise density of the gyro [rad/s/√Hz].
+        is_stale: the newest track speeds are stale.
         settings: settings of the filter.
     """
     if still.stopped_since == NEVER or rate != rate:
@@ -118,17 +126,24 @@ def quiet_mean(
             # Readings begin to count after the newest one that is not quiet.
             still.first = min(k + 1, end - 1)
             if still.stopped_since <= oldest_needed:
-                add_restless(still, stamp)
+                add_restless(still, stamp, is_stale)
             return math.nan
     if still.stopped_since > oldest_needed or stamps[first] > oldest_needed:
         return math.nan
     if abs(mean - settings.gyro_bias) > settings.most_bias:
         # Smooth, and no bias: it turns.
-        add_restless(still, stamp)
+        add_restless(still, stamp, is_stale)
         return math.nan
-    settle(still)
     mean_sigma = max(of_file, noise) / math.sqrt(settings.duration_ns * NANOSECOND)
     by_noise = SIGMAS_OF_MEAN * math.sqrt(2.0) * mean_sigma
+    if (
+        is_stale
+        and still.quiet_at >= still.stopped_since
+        and abs(mean - still.quiet_mean) > by_noise
+    ):
+        add_restless(still, stamp, is_stale)
+        return math.nan
+    settle(still)
     add_quiet(still, stamp, mean, settings.usual_change + by_noise)
     follow_mean(still, stamp, by_noise, settings)
     return mean
@@ -193,11 +208,18 @@ def follow_mean(
         still.steady_mean = still.quiet_mean
 
 
-def add_restless(still: StandstillRecord, stamp: int) -> None:
-    """Add a stamp [ns] of unrest with resting tracks; a robot is carried if it lasts."""
+def add_restless(still: StandstillRecord, stamp: int, is_stale: bool) -> None:
+    """Add a stamp [ns] of unrest with resting tracks; a robot is carried if it lasts.
+
+    With stale track speeds it may drive as well.
+    """
     if still.restless_since == NEVER:
         still.restless_since = stamp
-    if not is_carried(still) and (stamp - still.restless_since) * NANOSECOND > ROCKING_TIME:
+    if is_carried(still) or (stamp - still.restless_since) * NANOSECOND <= ROCKING_TIME:
+        return
+    if is_stale:
+        end_rest(still)
+    else:
         still.carried_since = stamp
         still.carries += 1
 
@@ -284,12 +306,15 @@ class QuietReadings:
         stamp: int,
         rate: float,
         noise: float,
+        is_stale: bool,
         settings: InputSettings,
     ) -> float:
         """Add a reading, see `quiet_mean`."""
         if is_full(still, self.stamps):
             self.make_room()
-        return float(quiet_mean(still, self.stamps, self.rates, stamp, rate, noise, settings))
+        return float(
+            quiet_mean(still, self.stamps, self.rates, stamp, rate, noise, is_stale, settings)
+        )
 
     def memory(self, still: StandstillRecord) -> QuietMemory:
         """Copy of the readings that count; changes their places in the record to it."""

@@ -29,13 +29,18 @@ SECOND, STEP = 1_000_000_000, 10_000_000
 SETTINGS = input_settings(load_robot("auriga-alpha"), Settings())
 
 
-def rested(rates: np.ndarray, still: StandstillRecord | None = None) -> list[float]:
-    """Seconds at which the robot is carried, of readings at 100 Hz with resting tracks."""
+def rested(
+    rates: np.ndarray, still: StandstillRecord | None = None, stale_from: int = 10**6
+) -> list[float]:
+    """Seconds at which the robot is carried, of readings at 100 Hz with resting tracks.
+
+    From a number of readings on, the track speeds are stale.
+    """
     still, readings = still or StandstillRecord(), QuietReadings()
     stopped_after(still, 0, 0.0, 0.0, SETTINGS.track_speed)
     found = []
     for k, rate in enumerate(rates.tolist()):
-        readings.mean(still, k * STEP, rate, 1e-3, SETTINGS)
+        readings.mean(still, k * STEP, rate, 1e-3, k >= stale_from, SETTINGS)
         if is_carried(still):
             found.append(k * STEP * NANOSECOND)
     return found
@@ -75,6 +80,18 @@ def test_a_slow_turntable_is_a_bias_and_the_yaw_is_uncertain_by_its_turning() ->
     assert math.sqrt(of_yaw) == pytest.approx(0.2 * 5.0 / 2.0, rel=0.25)
     stopped_after(still, 9 * SECOND, 0.5, 0.5, SETTINGS.track_speed)
     assert turn_density(still, 9 * SECOND, 10 * SECOND) == 0.0
+
+
+def test_a_turn_ends_a_rest_without_newer_track_speeds_and_a_short_bump_does_not() -> None:
+    bump, turn = 0.1 * np.sin(np.arange(0.0, 3.0, 0.1)), np.full(300, 0.2)
+    still = StandstillRecord()
+    assert rested(np.concatenate([calm(3), bump, calm(3)]), still, 200) == []
+    assert still.stopped_since == 0
+    assert still.quiet_at == pytest.approx(6.3 * SECOND, abs=2 * STEP)
+    still = StandstillRecord()
+    assert rested(np.concatenate([calm(3), turn + calm(3)]), still, 200) == []
+    assert still.stopped_since < 0
+    assert still.quiet_mean == pytest.approx(0.0, abs=0.01)
 
 
 def test_tracks_that_move_end_it() -> None:

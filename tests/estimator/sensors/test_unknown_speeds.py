@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from agreement_scenes import with_stuck_track
-from icreckon import Log, PoseEstimator, Scenario, Settings, load_robot, simulate
+from icreckon import Log, PoseEstimator, Scenario, Settings, load_robot, run, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.constants import REGRESSOR_SMOOTHING
 from icreckon.estimator.filter.process_noise import Disturbances
@@ -54,6 +55,23 @@ def test_a_stuck_speed_is_not_moved_by_the_accelerometer(log: Log, variant: str)
         assert abs(estimator.twist[0]) < 1.2 * FASTEST
         assert np.sqrt(estimator.twist_covariance[0, 0]) < 1.001 * FASTEST
     assert estimator.health.times["stuck"] == 1
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_bend_that_begins_while_no_track_speeds_come_is_no_rest(seed: int, variant: str) -> None:
+    options = {"drive": 12.0, "rest": 5.0}
+    scenario = Scenario(
+        duration=34.0, seed=seed, trajectory="stop-and-go", trajectory_options=options, fix_rate=0.0
+    )
+    whole = simulate(scenario, ROBOT)
+    found = run(without(whole, "tracks", 20.0, 33.0), ROBOT, variant)
+    error = found.trajectory.poses[-1, :2] - whole.truth.poses.poses[-1, :2]
+    covariance = found.trajectory.pose_covariances[-1, :2, :2]
+    assert np.linalg.norm(error) > 2.0
+    assert error @ np.linalg.solve(covariance, error) < chi2.ppf(0.99, 2)
+    biases = [one.states[-1, s.GYRO_BIAS] for one in (found, run(whole, ROBOT, variant))]
+    assert abs(biases[0] - biases[1]) < 0.01
 
 
 SETTINGS = input_settings(ROBOT, Settings())
