@@ -63,7 +63,7 @@ def test_after_a_hole_sigmas_are_those_of_the_fastest_drive_and_the_verdict_name
     moved = results["log"]["moved_in_holes_m"]
     assert moved == pytest.approx(float(np.hypot(*(ends[1] - ends[0]))), abs=0.2)
     assert re.search(
-        r"IMU samples for 35.0 s, in which the truth moves \S+ m; drift is between them",
+        r"IMU samples for 35.0 s, in which the truth moves \S+ m; drift is scored between holes",
         headline(results),
     )
     whole = [one.trajectory.stamps < begin for one in found.runs.values()]
