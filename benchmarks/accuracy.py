@@ -52,8 +52,8 @@ from icreckon.estimator.robot.variants import VARIANTS, default_adaptation
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.comparison.truth_alignment import align_truth
-from icreckon.replay.inspection.imu_mounting import estimate_mounting, vertical_rate
-from icreckon.replay.inspection.latency import objection, track_latency
+from icreckon.replay.estimates.imu_mounting import estimate_mounting, vertical_rate
+from icreckon.replay.estimates.latency import objection, track_latency
 from icreckon.replay.reading.read_log import read_log
 
 HORIZONS = (30.0, 10.0)

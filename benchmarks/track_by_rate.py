@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from _study import data_parser, table
 
+from icreckon.replay.estimates.track_by_rate import RateBin
 from icreckon.replay.inspection.inspect import inspect
-from icreckon.replay.inspection.track_by_rate import RateBin
 
 ROBOTS = {
     "Marmotte (tracks)": "marmotte_part1",

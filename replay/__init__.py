@@ -1,6 +1,6 @@
 """Replay of recorded logs: reading, mapping, inspection, comparison, export.
 
 In: bags and tables. Out: estimates, scores and files. Rooms, from the lowest: `base`, `bags`,
-`mapping`, `reading`, `live`, `inspection`, `comparison`, `calibration`, `export`. Imports `estimator`,
-never `simulation`.
+`mapping`, `reading`, `live`, `estimates`, `inspection`, `comparison`, `checking`, `calibration`,
+`export`. Imports `estimator`, never `simulation`.
 """

@@ -20,7 +20,7 @@ FLOORS = {
     ],
     "simulation": ["base", "contact", "drives", "truth", "sensors", "", "study", "running", "paper"],
     "replay": [
-        "base", "bags", "mapping", "reading", "live", "inspection", "comparison", "checking",
+        "base", "bags", "mapping", "reading", "live", "estimates", "inspection", "comparison", "checking",
         "calibration", "export", "",
     ],
     "icreckon": ["report", "ros2", "", "cli"],

@@ -4,7 +4,7 @@ Turning shows it: the yaw change in a window by the gyro is a straight line in t
 track speeds in the same window, shifted by the latency. Sums for a regression are kept for each shift
 of a grid, in blocks of equal turning, so that old blocks can be dropped and the standard error follows
 from leaving out one block at a time. A batch version that looks at a whole log is
-`icreckon.replay.inspection.latency`.
+`icreckon.replay.estimates.latency`.
 """
 
 import math

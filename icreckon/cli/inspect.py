@@ -17,7 +17,8 @@ from icreckon.replay.base.outputs import check_replaceable, written_beside
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, proposed_ros_settings
 from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
 from icreckon.replay.inspection.inspect import Inspection, inspect
-from icreckon.replay.inspection.robot_file import FILL_IN, FIRST_WORDS, NO_SIZES
+from icreckon.replay.inspection.log_estimates import NO_SIZES
+from icreckon.replay.inspection.robot_file import FILL_IN, FIRST_WORDS
 from icreckon.replay.reading.gather import source_name
 from icreckon.report.printable import printable
 

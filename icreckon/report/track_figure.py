@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from icreckon.replay.inspection.track_by_rate import TrackByRate
+from icreckon.replay.estimates.track_by_rate import TrackByRate
 from icreckon.report.drawing import drawing
 from icreckon.report.printable import printable
 

@@ -13,9 +13,9 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.inspection import imu_mounting
-from icreckon.replay.inspection.wheels import STRAIGHT as LARGEST_TURNING
-from icreckon.replay.inspection.wheels import wheel_estimates
+from icreckon.replay.estimates import imu_mounting
+from icreckon.replay.estimates.wheels import STRAIGHT as LARGEST_TURNING
+from icreckon.replay.estimates.wheels import wheel_estimates
 from icreckon.replay.mapping.topics import topic_map
 
 SIGMAS = 3.0  # standard errors from which a difference is significant

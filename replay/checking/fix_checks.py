@@ -12,8 +12,8 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.checking.check import SIGMAS, Check, Measured, in_base, mapped_table
-from icreckon.replay.inspection.fix_wander import FixFit, fit_fixes
-from icreckon.replay.inspection.wheels import heading_offset
+from icreckon.replay.estimates.fix_wander import FixFit, fit_fixes
+from icreckon.replay.estimates.wheels import heading_offset
 from icreckon.replay.mapping.topics import topic_map
 
 LEAST_OFFSET = 10.0  # a robot that slides in bends drives some degrees off its heading [deg]

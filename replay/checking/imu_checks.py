@@ -12,10 +12,10 @@ from icreckon.estimator.log.failed_sensors import imu_span
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import LEAST_UPRIGHT, Robot
 from icreckon.replay.checking.check import FORWARD, MOUNTING, Check, Measured, in_base, with_imu
-from icreckon.replay.inspection import imu_mounting
-from icreckon.replay.inspection.gyro_bias import gyro_bias
+from icreckon.replay.estimates import imu_mounting
+from icreckon.replay.estimates.gyro_bias import gyro_bias
+from icreckon.replay.estimates.wheels import GRAVITY, WRONG_GRAVITY, unit_of_gravity
 from icreckon.replay.inspection.robot_file import STANDING_BIAS_SIGMA
-from icreckon.replay.inspection.wheels import GRAVITY, WRONG_GRAVITY, unit_of_gravity
 
 # Smallest tilt of a mounting that is reported [deg], and that from which a mounting is another one.
 LEAST_TILT, ANOTHER_MOUNTING = 5.0, 45.0

@@ -22,9 +22,9 @@ from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.checking import check
 from icreckon.replay.checking.track_checks import is_other_track
+from icreckon.replay.estimates.imu_mounting import are_usable
+from icreckon.replay.estimates.latency import truth_lag, without_lag
 from icreckon.replay.inspection.filled_in import has_stand_in_gauge
-from icreckon.replay.inspection.imu_mounting import are_usable
-from icreckon.replay.inspection.latency import truth_lag, without_lag
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
 

@@ -40,9 +40,9 @@ from icreckon.replay.checking.check import (
     true_motion,
     with_speeds,
 )
-from icreckon.replay.inspection import imu_mounting
-from icreckon.replay.inspection.latency import clock_fit, objection, track_latency, without_lag
-from icreckon.replay.inspection.wheels import DEGREES, jackknifed, turning_suspicion
+from icreckon.replay.estimates import imu_mounting
+from icreckon.replay.estimates.latency import clock_fit, objection, track_latency, without_lag
+from icreckon.replay.estimates.wheels import DEGREES, jackknifed, turning_suspicion
 from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.topics import topic_map
 

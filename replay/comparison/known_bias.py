@@ -14,7 +14,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, changed_robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.outputs import Run
-from icreckon.replay.inspection.gyro_bias import bias_while_driving
+from icreckon.replay.estimates.gyro_bias import bias_while_driving
 
 GYRO = "gyro"
 UNLEARNT = 0.5  # share of its initial standard deviation from which a bias is not learnt

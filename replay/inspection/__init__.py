@@ -1,4 +1,4 @@
 """Inspection of logs, and a proposed robot file.
 
-In: an unmapped log. Out: topics, rates, latency, mounting, effective geometry. Below: `reading`.
+In: an unmapped log. Out: topics, rates, findings, a robot file. Below: `estimates`, `reading`.
 """

@@ -10,7 +10,7 @@ from zlib import crc32
 
 from icreckon.estimator.robot.robot_toml import toml_value
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.inspection.robot_file import NO_SIZES, Sizes
+from icreckon.replay.inspection.log_estimates import NO_SIZES, Sizes
 
 TABLE = re.compile(r"\[([^\[\]]+)\]\s*(?:#.*)?$")
 KEY = re.compile(r"(\w+)\s*=")

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.inspection.imu_mounting import NO_GRAVITY
+from icreckon.replay.estimates.imu_mounting import NO_GRAVITY
 from icreckon.replay.mapping import naming
 from icreckon.replay.mapping.columns import (
     AngleUnit,

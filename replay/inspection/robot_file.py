@@ -1,26 +1,23 @@
 """Proposed robot file: values estimated from a log, and placeholders for the rest."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.lag import Lag, NoLag
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_toml import toml_value
-from icreckon.replay.inspection.fix_wander import FixFit, FixWanderEstimate
-from icreckon.replay.inspection.gyro_bias import GyroBias
-from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
-from icreckon.replay.inspection.latency import objection
-from icreckon.replay.inspection.static_frames import STATIC, Mount
-from icreckon.replay.inspection.wheels import CLEAR_SIGN, NO_WHEELS, WheelEstimates, heading_offset
+from icreckon.replay.estimates.fix_wander import FixFit, FixWanderEstimate
+from icreckon.replay.estimates.gyro_bias import GyroBias
+from icreckon.replay.estimates.imu_mounting import ABSURD, Mounting
+from icreckon.replay.estimates.latency import objection
+from icreckon.replay.estimates.wheels import CLEAR_SIGN, heading_offset
+from icreckon.replay.inspection.log_estimates import LogEstimates
+from icreckon.replay.inspection.static_frames import STATIC
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.naming import PLACEHOLDER_SIGMA
-from icreckon.replay.mapping.topics import HeadingTopic, TopicMap, TrackTopic
-from icreckon.replay.reading.clocks import Choice
+from icreckon.replay.mapping.topics import HeadingTopic, TrackTopic
 
 FIRST_WORDS = "# Proposed by inspecting"
 ROUGH_RADIUS = 0.1  # relative standard error from which on a radius is not proposed [-]
@@ -34,57 +31,6 @@ GAUGE_LINE = f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_g
 CHECKED = ("unit", "wrap", "time_unit", "rate_unit", "acceleration_unit", "yaw_unit")
 """Guessed keys."""
 MARGIN = 1.2  # highest speed of a robot over the fastest in a log [-]
-
-
-class Sizes(NamedTuple):
-    """Lengths [m] and streams of a robot that a person filled in; None if not."""
-
-    gauge: float | None = None  # track gauge
-    radius: float | None = None  # sprocket radius
-    controller_gauge: float | None = None  # gauge of the controller of twists [m]
-    log: Mapping[str, Mapping[str, Any]] = {}  # keys of its [log] tables, by table
-
-
-NO_SIZES = Sizes()
-
-
-@dataclass(frozen=True)
-class LogEstimates:
-    """Estimates from a log, for findings and a robot file; None if not observable."""
-
-    mapping: TopicMap  # the guessed topics
-    clocks: Mapping[str, Choice]  # clock of each stream and the reason of its choice, by purpose
-    log: Log | None  # log read with a sprocket radius of 1 m; None if it cannot be read
-    sizes: Sizes  # lengths of the robot that a person filled in
-    mounting: Mounting | None = None  # estimated mounting of the IMU
-    vertical: Floats | None = None  # (n,) rate about the vertical at the IMU's stamps [rad/s]
-    wheels: WheelEstimates = NO_WHEELS  # estimated effective radius and track
-    # latencies of tracks and truth against the gyro, by purpose
-    latencies: Mapping[str, Lag | NoLag] = field(default_factory=dict)
-    are_apart: bool = False  # True if tracks and gyro both turn, but not together
-    bias: GyroBias | None = None  # bias of the gyro
-    wander: FixWanderEstimate | str | None = None  # error of the fixes, or why it is not known
-    imu_mount: Mount | None = None  # static transform of the IMU
-    fix_fit: FixFit | None = None  # place of the antenna, lag and scale by the fixes
-
-    @property
-    def states_fix_sigma(self) -> bool:
-        """True if the fixes state their variances."""
-        fixes = self.mapping.keys_of("fixes")
-        return fixes is not None and fixes.position_sigma is None
-
-    @property
-    def effective_track(self) -> float | None:
-        """Effective track by the gyro [m]; None without radius or gauge of a controller."""
-        # True length of the gauge or radius that was read as 1 m.
-        unit: float | None = 1.0
-        if self.mapping.from_twist:
-            unit = self.sizes.controller_gauge
-        elif self.mapping.in_rates:
-            unit = self.sizes.radius or self.wheels.distance_ratio
-        if self.wheels.track_ratio is None or unit is None:
-            return None
-        return self.wheels.track_ratio * unit
 
 
 def robot_file_text(path: Path, estimates: LogEstimates) -> str:

@@ -10,7 +10,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import matrix_to_rpy, rpy_to_matrix
 from icreckon.estimator.log.log import Log
 from icreckon.replay.bags.message_types import IMU, NAVSATFIX, TF, TF_ROS1
-from icreckon.replay.inspection.imu_mounting import Mounting, forward_yaw, vertical_rate
+from icreckon.replay.estimates.imu_mounting import Mounting, forward_yaw, vertical_rate
 from icreckon.replay.inspection.topic_survey import Survey
 from icreckon.replay.reading.tf import TransformStream
 

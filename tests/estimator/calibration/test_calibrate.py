@@ -26,7 +26,7 @@ from icreckon.estimator.calibration.common_values import KEPT
 from icreckon.estimator.log.lever_arm import at_lever_arm
 from icreckon.estimator.log.series import PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import changed_robot
-from icreckon.replay.inspection.latency import track_latency
+from icreckon.replay.estimates.latency import track_latency
 from icreckon.simulation.simulate import run_scenario
 
 KINEMATIC = ("differential", "constant", "inertia")

@@ -15,7 +15,7 @@ from icreckon.estimator.log.measurements import Measurement, TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.track_latency import TrackLatencyEstimator
-from icreckon.replay.inspection.latency import track_latency
+from icreckon.replay.estimates.latency import track_latency
 
 VARIANT = "constant-online"
 LATE = Latencies(tracks=0.21, imu=0.013, position=0.3, heading=0.4)

@@ -32,7 +32,7 @@ from icreckon.replay.checking.check import FORWARD, LATENCY, MOUNTING, SCALE, TR
 from icreckon.replay.checking.robot_check import with_corrected
 from icreckon.replay.checking.track_checks import check_scale
 from icreckon.replay.checking.worth import judged, worth_of
-from icreckon.replay.inspection.wheels import heading_offset
+from icreckon.replay.estimates.wheels import heading_offset
 from icreckon.replay.mapping import topics as mapping
 from icreckon.replay.mapping.topics import TopicMap
 

@@ -14,10 +14,10 @@ from icreckon import Log, compare, drift, inspect, read_log, write_log
 from icreckon.estimator.log.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
 from icreckon.replay.checking.robot_check import check_robot, is_of_another
-from icreckon.replay.inspection import wheels
-from icreckon.replay.inspection.imu_mounting import estimate_mounting, vertical_rate
-from icreckon.replay.inspection.inspect import unit_suspicions
-from icreckon.replay.inspection.robot_file import NO_SIZES, LogEstimates
+from icreckon.replay.estimates import wheels
+from icreckon.replay.estimates.imu_mounting import estimate_mounting, vertical_rate
+from icreckon.replay.inspection.findings import unit_suspicions
+from icreckon.replay.inspection.log_estimates import NO_SIZES, LogEstimates
 from icreckon.replay.mapping.topics import TopicMap, TrackTopic
 
 RADIUS, TRACK = 0.2, 0.6

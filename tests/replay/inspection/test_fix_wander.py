@@ -13,7 +13,7 @@ from icreckon import EncoderSpec, FixSpec, Log, Scenario, inspect, load_robot, s
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.sensors.sensor_models import SensorModels
-from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander, fit_fixes
+from icreckon.replay.estimates.fix_wander import FixWanderEstimate, estimate_wander, fit_fixes
 
 ALPHA = load_robot("auriga-alpha")
 GPS = FixSpec(sigma=0.3, wander_sigma=1.2, wander_time=60.0)

@@ -12,8 +12,8 @@ from bag_messages import T, header, imu, joints, odometry, pose_stamped, robot_w
 from icreckon import ReplayError, check_robot, inspect, load_robot, read_log, write_log
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.replay.checking.check import SCALE
+from icreckon.replay.estimates.imu_mounting import standstill
 from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
-from icreckon.replay.inspection.imu_mounting import standstill
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.tables import are_parts
 

@@ -10,7 +10,7 @@ from conftest import inspected, make_log, sample_log
 from icreckon import EstimatorError, Inspection, Log, Robot, Vehicle, inspect, load_robot, write_log
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.replay.inspection.imu_mounting import estimate_mounting
+from icreckon.replay.estimates.imu_mounting import estimate_mounting
 from icreckon.replay.mapping.naming import PLACEHOLDER_SIGMA, sides
 from icreckon.replay.mapping.topics import TopicMap, topic_map
 

@@ -10,7 +10,7 @@ from msgspec import structs
 from conftest import inspected, sample_log
 from icreckon import ReplayError, Robot, load_robot
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.replay.inspection.latency import objection, track_latency
+from icreckon.replay.estimates.latency import objection, track_latency
 from icreckon.replay.mapping.topics import topic_map
 
 RATE = 100.0

@@ -14,7 +14,7 @@ import bag_messages as made
 from icreckon import Scenario, check_robot, inspect, load_robot, simulate, write_log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.replay.bags.decoding import read_definitions
-from icreckon.replay.inspection.wheels import wheel_estimates
+from icreckon.replay.estimates.wheels import wheel_estimates
 from icreckon.replay.mapping.naming import is_truth, sides
 
 ALPHA = load_robot("auriga-alpha")

@@ -8,8 +8,8 @@ import pytest
 
 from command_line import fails, icreckon, succeeds
 from icreckon import ImuSeries, Log, TrackSpeedSeries
-from icreckon.replay.inspection import track_by_rate as by_rate
-from icreckon.replay.inspection.track_by_rate import extremes, track_by_rate, track_windows
+from icreckon.replay.estimates import track_by_rate as by_rate
+from icreckon.replay.estimates.track_by_rate import extremes, track_by_rate, track_windows
 
 STEP = 0.02
 RATES = (0.15, 0.4, 0.8, -0.15, -0.4, -0.8)

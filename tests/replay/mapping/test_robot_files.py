@@ -8,7 +8,7 @@ import pytest
 
 from conftest import REPOSITORY, sample
 from icreckon.estimator.robot.robot_file import load_robot, robot_names
-from icreckon.replay.inspection.imu_mounting import forward_yaw, turning_correlation
+from icreckon.replay.estimates.imu_mounting import forward_yaw, turning_correlation
 from icreckon.replay.mapping.columns import ColumnMap, ImuColumns, PoseColumns, TrackColumns
 from icreckon.replay.mapping.topics import (
     FixTopic,

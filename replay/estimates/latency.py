@@ -34,7 +34,7 @@ from icreckon.estimator.log.series import (
     Truth,
     running_integral,
 )
-from icreckon.replay.inspection.imu_mounting import are_usable, estimate_mounting, vertical_rate
+from icreckon.replay.estimates.imu_mounting import are_usable, estimate_mounting, vertical_rate
 from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.topics import TopicMap
 

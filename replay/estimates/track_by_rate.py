@@ -9,7 +9,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import running_integral
-from icreckon.replay.inspection.imu_mounting import are_usable
+from icreckon.replay.estimates.imu_mounting import are_usable
 
 WINDOW = 0.5  # time over which the turning by the gyro and by the tracks is compared [s]
 EDGES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0)  # edges of the bins [rad/s]

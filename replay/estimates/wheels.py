@@ -18,8 +18,8 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, running_integral
-from icreckon.replay.inspection import imu_mounting
-from icreckon.replay.inspection.fix_wander import fit_fixes
+from icreckon.replay.estimates import imu_mounting
+from icreckon.replay.estimates.fix_wander import fit_fixes
 from icreckon.replay.mapping.naming import sides
 from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.reading.conversions import STANDARD_GRAVITY

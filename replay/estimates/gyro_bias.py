@@ -11,8 +11,8 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.log.scores import are_within, even_grid, pieces
 from icreckon.estimator.log.series import running_integral
-from icreckon.replay.inspection import imu_mounting
-from icreckon.replay.inspection.wheels import jackknifed
+from icreckon.replay.estimates import imu_mounting
+from icreckon.replay.estimates.wheels import jackknifed
 from icreckon.replay.reading.stamps import true_runs
 
 WINDOW = 5.0  # time over which the turning by gyro and by truth or tracks is compared [s]

@@ -1,0 +1,295 @@
+"""Estimates from an unmapped log: clocks, units, values of robot and sensors."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from msgspec import to_builtins
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.config import convert
+from icreckon.estimator.log.lag import Lag, NoLag
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import HeadingFix
+from icreckon.estimator.log.path_heading import heading_fault
+from icreckon.estimator.robot.robot_file import Robot, Vehicle
+from icreckon.replay.bags.decoding import Definitions
+from icreckon.replay.bags.table_files import is_table
+from icreckon.replay.base.errors import ApartError, EqualStampsError, ReplayError
+from icreckon.replay.estimates import imu_mounting, wheels
+from icreckon.replay.estimates.fix_wander import (
+    FixFit,
+    FixWanderEstimate,
+    estimate_wander,
+    fit_fixes,
+)
+from icreckon.replay.estimates.gyro_bias import GyroBias, gyro_bias
+from icreckon.replay.estimates.latency import (
+    heading_lag,
+    objection,
+    on_one_clock,
+    track_latency,
+    truth_lag,
+    without_lag,
+)
+from icreckon.replay.estimates.track_by_rate import TrackByRate, track_by_rate, track_windows
+from icreckon.replay.estimates.wheels import NO_WHEELS, WheelEstimates
+from icreckon.replay.inspection.static_frames import Mount, with_static_yaw
+from icreckon.replay.mapping.topics import TopicMap
+from icreckon.replay.reading.clocks import Choice, choose_clocks
+from icreckon.replay.reading.gather import Gathered, gather
+from icreckon.replay.reading.to_log import assemble, evidence_of
+
+UNUSED = ("latency", "gauge")  # keys that an inspection ignores and estimates
+FASTEST = 1e3  # highest track speed that is read, in m/s or rad/s
+
+
+class Sizes(NamedTuple):
+    """Lengths [m] and streams of a robot that a person filled in; None if not."""
+
+    gauge: float | None = None  # track gauge
+    radius: float | None = None  # sprocket radius
+    controller_gauge: float | None = None  # gauge of the controller of twists [m]
+    log: Mapping[str, Mapping[str, Any]] = {}  # keys of its [log] tables, by table
+
+
+NO_SIZES = Sizes()
+
+
+@dataclass(frozen=True)
+class LogEstimates:
+    """Estimates from a log, for findings and a robot file; None if not observable."""
+
+    mapping: TopicMap  # the guessed topics
+    clocks: Mapping[str, Choice]  # clock of each stream and the reason of its choice, by purpose
+    log: Log | None  # log read with a sprocket radius of 1 m; None if it cannot be read
+    sizes: Sizes  # lengths of the robot that a person filled in
+    mounting: imu_mounting.Mounting | None = None  # estimated mounting of the IMU
+    vertical: Floats | None = None  # (n,) rate about the vertical at the IMU's stamps [rad/s]
+    wheels: WheelEstimates = NO_WHEELS  # estimated effective radius and track
+    # latencies of tracks and truth against the gyro, by purpose
+    latencies: Mapping[str, Lag | NoLag] = field(default_factory=dict)
+    are_apart: bool = False  # True if tracks and gyro both turn, but not together
+    bias: GyroBias | None = None  # bias of the gyro
+    wander: FixWanderEstimate | str | None = None  # error of the fixes, or why it is not known
+    imu_mount: Mount | None = None  # static transform of the IMU
+    fix_fit: FixFit | None = None  # place of the antenna, lag and scale by the fixes
+    track: TrackByRate | None = None  # effective track of the whole log and over the yaw rate
+
+    @property
+    def states_fix_sigma(self) -> bool:
+        """True if the fixes state their variances."""
+        fixes = self.mapping.keys_of("fixes")
+        return fixes is not None and fixes.position_sigma is None
+
+    @property
+    def effective_track(self) -> float | None:
+        """Effective track by the gyro [m]; None without radius or gauge of a controller."""
+        # True length of the gauge or radius that was read as 1 m.
+        unit: float | None = 1.0
+        if self.mapping.from_twist:
+            unit = self.sizes.controller_gauge
+        elif self.mapping.in_rates:
+            unit = self.sizes.radius or self.wheels.distance_ratio
+        if self.wheels.track_ratio is None or unit is None:
+            return None
+        return self.wheels.track_ratio * unit
+
+
+def log_estimates(
+    paths: Sequence[Path],
+    mapping: TopicMap,
+    definitions: Definitions,
+    sizes: Sizes,
+    imu_mount: Mount | None,
+    notes: list[str],
+) -> LogEstimates:
+    """Estimate clocks, units, and values of robot and sensors from a log.
+
+    Adds a note on each unusual unit, or on a log that cannot be read.
+
+    Raises:
+        ReplayError: the streams that a person filled in cannot be read.
+    """
+    reading = _Reading(paths, definitions, mapping)
+    try:
+        reading.read(sizes.log, notes)
+    except EqualStampsError:
+        raise
+    except ReplayError as problem:
+        if sizes.log:
+            raise ReplayError(f"the streams of the robot file: {problem}") from None
+        has_tables = any(is_table(file) for file in paths if file.is_file())
+        if mapping.columns is not None or not has_tables:
+            notes.append(f"the proposed topics cannot be read: {problem}")
+    estimates = LogEstimates(
+        reading.mapping, reading.clocks, reading.log, sizes, imu_mount=imu_mount
+    )
+    return estimates if reading.log is None else _measured(estimates, reading.log)
+
+
+@dataclass
+class _Reading:
+    """Reading of a log by a guessed mapping, which it completes by clocks and units."""
+
+    paths: Sequence[Path]
+    definitions: Definitions
+    mapping: TopicMap
+    clocks: dict[str, Choice] = field(default_factory=dict)
+    log: Log | None = None
+
+    def read(self, filled_in: Mapping[str, Mapping[str, Any]], notes: list[str]) -> None:
+        """Choose clocks and units, and read the log by them; notes get unusual units.
+
+        Raises:
+            ReplayError: it cannot be read; the attributes have what was found before.
+        """
+        gathered = self._gathered(self.mapping)
+        self.clocks = choose_clocks(evidence_of(gathered.streams))
+        try:
+            self.log = self._assembled(gathered)
+        except ApartError:
+            self.mapping = on_one_clock(self.mapping, self._log_of)
+            self.log = self._log_of(self.mapping)
+        read_tracks = partial(self._log_of, self.mapping, "tracks")
+        keys = wheels.units_and_sides(self.mapping, self.log, filled_in, notes, read_tracks)
+        in_units = with_keys(self.mapping, keys) if keys else self.mapping
+        # Several tables may have several clocks, and one whose tracks or IMU have times of their own.
+        columns = self.mapping.columns
+        if columns and (
+            len(self.paths) > 1 or any(k and k.time for k in (columns.tracks, columns.imu))
+        ):
+            in_units = on_one_clock(in_units, self._log_of)
+        if in_units is not self.mapping:
+            self.mapping = in_units
+            self.log = self._log_of(in_units)
+
+    def _log_of(self, mapping: TopicMap, purpose: str = "", fastest: float = FASTEST) -> Log:
+        """Log of a mapping, or one of its streams alone; by a highest track speed [m/s]."""
+        gathered = self._gathered(mapping)
+        if purpose:
+            gathered.streams = {k: one for k, one in gathered.streams.items() if k == purpose}
+        return self._assembled(gathered, fastest)
+
+    def _gathered(self, mapping: TopicMap) -> Gathered:
+        return gather(self.paths, mapping, own_mapping=False, definitions=self.definitions)
+
+    def _assembled(self, gathered: Gathered, fastest: float = FASTEST) -> Log:
+        # With a radius of 1 m rates are read as speeds.
+        vehicle = Vehicle(1.0, 1.0, 1.0, max_track_speed=fastest)
+        return assemble(gathered, Robot(name="unknown", vehicle=vehicle), self.paths[0].stem)
+
+
+def _measured(estimates: LogEstimates, log: Log) -> LogEstimates:
+    """Add what the log shows of the robot and its sensors."""
+    mounting, vertical = _mounting_and_vertical(log, estimates.imu_mount)
+    latencies = _latencies(log, vertical)
+    aligned = _without_latencies(log, latencies)
+    if aligned is not log:
+        mounting, vertical = _mounting_and_vertical(aligned, estimates.imu_mount)
+    # Counts have no scale yet, by which wheels could be estimated.
+    is_apart = bool(
+        log.imu and vertical is not None and imu_mounting.turn_apart(log.tracks, log.imu, vertical)
+    )
+    wheel_rate = None if estimates.mapping.lacks_counts_per_turn or is_apart else vertical
+    correlation = mounting.turning_correlation if mounting else None
+    wander = fit = None
+    if log.fixes is not None and not is_apart:
+        fit = fit_fixes(aligned, vertical)
+        in_time = log.fixes
+        if fit is not None and fit.is_late:
+            in_time = replace(in_time, stamps=in_time.stamps - round(fit.lag / NANOSECOND))
+        aligned = replace(aligned, fixes=in_time)
+        wander = estimate_wander(aligned, vertical, states_sigma=estimates.states_fix_sigma)
+    measured = replace(
+        estimates,
+        mounting=mounting,
+        vertical=vertical,
+        wheels=wheels.wheel_estimates(aligned, wheel_rate, correlation),
+        latencies=latencies,
+        are_apart=is_apart,
+        bias=None if vertical is None or is_apart else gyro_bias(aligned, vertical),
+        wander=wander,
+        fix_fit=fit,
+    )
+    return replace(measured, track=_track_by_rate(measured, aligned))
+
+
+def _mounting_and_vertical(
+    log: Log, mount: Mount | None
+) -> tuple[imu_mounting.Mounting | None, Floats | None]:
+    """Mounting of the IMU and rate about the vertical (n,) [rad/s]; None if unknown."""
+    mounting = imu_mounting.estimate_mounting(log)
+    if mounting is not None and mount is not None:
+        mounting = with_static_yaw(mounting, mount, log) or mounting
+    vertical = imu_mounting.vertical_rate(log.imu, mounting) if log.imu and mounting else None
+    return mounting, vertical
+
+
+def _track_by_rate(estimates: LogEstimates, aligned: Log) -> TrackByRate | None:
+    """Effective track by the gyro, of the whole log and over the yaw rate."""
+    ratio, bias, vertical = estimates.wheels.track_ratio, estimates.bias, estimates.vertical
+    if ratio is None or vertical is None:
+        return None
+    whole, unit = estimates.effective_track, "m"
+    if whole is None:
+        whole, unit = ratio, "times the controller's gauge"
+        if estimates.mapping.in_rates:
+            unit = "times the effective radius"
+    is_clear = bias is not None and (bias.source == "standstill" or bias.differs(0.0))
+    clear_bias = bias.value if bias is not None and is_clear else 0.0
+    windows = track_windows(aligned, vertical, clear_bias)
+    # The log's tracks are read with a radius or gauge of 1 m: V_r - V_l gets the unit of `whole`.
+    return TrackByRate(whole, unit, tuple(track_by_rate(windows * (1.0, whole / ratio))))
+
+
+def with_keys(guess: TopicMap, filled_in: Mapping[str, Mapping[str, Any]]) -> TopicMap:
+    """Merge keys of [log] tables, by table, into a guessed mapping, except `UNUSED`."""
+    # A guessed stream is dropped if they use its topic for another stream.
+    if not filled_in:
+        return guess
+    topics = {keys["topic"] for keys in filled_in.values() if "topic" in keys}
+    merged = {}
+    for name, stream in to_builtins(guess).items():
+        own_topic = filled_in.get(name, {}).get("topic")
+        if stream and stream.get("topic") not in topics - {own_topic}:
+            merged[name] = stream
+    for name, keys in filled_in.items():
+        table = merged
+        for part in name.split("."):
+            table[part] = table.get(part) or {}
+            table = table[part]
+        table |= {key: value for key, value in keys.items() if key not in UNUSED}
+    return convert(merged, TopicMap, "[log]", ReplayError)
+
+
+def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:
+    """Latencies of tracks and truth against the gyro, by purpose; {} without a gyro."""
+    if log.imu is None or vertical is None:
+        return {}
+    found: dict[str, Lag | NoLag] = {}
+    if len(log.tracks.speeds) and np.abs(log.tracks.speeds).max() <= imu_mounting.ABSURD:
+        found["tracks"] = track_latency(log.tracks, log.imu, vertical)
+    headings = [other for other in log.others if isinstance(other, HeadingFix)]
+    if headings:
+        found["heading"] = heading_lag(headings, log.imu, vertical)
+    truth = log.truth
+    if truth is not None:
+        if truth.headings and heading_fault(truth) is not None:
+            truth = truth.positions_alone()  # the headings do not fit the path
+        found["truth"] = truth_lag(truth, log.tracks, log.imu, vertical)
+    return found
+
+
+def _without_latencies(log: Log, latencies: Mapping[str, Lag | NoLag]) -> Log:
+    """Log with stamps of track speeds and truth corrected where the latency is clear."""
+    tracks, truth = (latencies.get(purpose) for purpose in ("tracks", "truth"))
+    if isinstance(tracks, Lag) and not objection(tracks):
+        log = replace(log, tracks=without_lag(log.tracks, tracks))
+    if isinstance(truth, Lag) and not objection(truth) and log.truth is not None:
+        poses = without_lag(log.truth.poses, truth)
+        log = replace(log, truth=replace(log.truth, poses=poses))
+    return log
