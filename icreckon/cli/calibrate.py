@@ -71,7 +71,6 @@ def command(
         float, Option(help="Length of the segments that are predicted, in seconds.")
     ] = 3.0,
     message_files: options.MessageFiles = None,
-    _unpacked_limit: options.UnpackedLimit = 0.5,
     out: options.Out = None,
     as_json: options.Json = False,
     wide: options.Wide = False,

@@ -31,7 +31,6 @@ def command(
     robot_name: options.RobotName = None,
     ros: options.Ros = None,
     message_files: options.MessageFiles = None,
-    _unpacked_limit: options.UnpackedLimit = 0.5,
     as_json: options.Json = False,
     overwrite: options.Overwrite = False,
 ) -> None:

@@ -37,7 +37,6 @@ def command(
     ] = None,
     ros: options.Ros = None,
     message_files: options.MessageFiles = None,
-    _unpacked_limit: options.UnpackedLimit = 0.5,
     as_json: options.Json = False,
     wide: options.Wide = False,
     overwrite: options.Overwrite = False,

@@ -89,7 +89,6 @@ def command(
         ),
     ] = None,
     message_files: options.MessageFiles = None,
-    _unpacked_limit: options.UnpackedLimit = 0.5,
     smooth: Annotated[
         bool,
         Option(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from pathlib import Path
+from shutil import disk_usage
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -23,7 +24,7 @@ from rosbags.rosbag2.reader import DirectoryReader
 
 from icreckon.replay.bags.records import LATEST, Channel, Record
 from icreckon.replay.bags.recovery import MCAP_MAGIC, ROS1_MAGIC, RecordWalk
-from icreckon.replay.bags.unpacking import limit, unpack, unpack_file
+from icreckon.replay.bags.unpacking import unpack, unpack_file
 from icreckon.replay.base.errors import ReplayError, os_errors
 
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -88,8 +89,7 @@ def over_bag(path: Path, work: Callable[[Bag], T]) -> T:
     method.
 
     Raises:
-        ReplayError: no such file, no bag, nothing of it is readable, or it unpacks to more than the
-            limit, see `unpacking.unpacked_limit`.
+        ReplayError: no such file, no bag, nothing of it is readable, or it unpacks to too much.
     """
     if not path.exists():
         raise ReplayError(f"{path}: no such file or folder")
@@ -243,19 +243,17 @@ def _packed_files(path: Path) -> list[Path]:
 
 def _unpack_files(packed: list[Path], folder: Path) -> tuple[list[Path], list[str]]:
     """Unpack files to a folder; return the new files, and notes on damaged ones."""
-    # The limit of unpacked sizes holds for all of them together.
-    files, notes, bytes_left = [], [], limit()
+    # All of them together leave half of the disk that is free.
+    files, notes, bytes_left = [], [], disk_usage(folder).free // 2
     for file in packed:
         target = folder / file.stem
         try:
             if not unpack_file(file, target, bytes_left):
                 notes.append(f"{file.name}: cut short or damaged; what could be unpacked was read")
-        except ReplayError as problem:
-            raise ReplayError(f"{file}: {problem}") from None
-        except OSError as problem:
+        except (ReplayError, OSError) as problem:
+            reason = getattr(problem, "strerror", None) or f"{problem}, half of what is free"
             raise ReplayError(
-                f"{file}: cannot be unpacked to {folder.parent}: {problem.strerror}; TMPDIR names "
-                "another place"
+                f"{file}: cannot be unpacked to {folder.parent}: {reason}; TMPDIR names another place"
             ) from None
         bytes_left -= target.stat().st_size
         files.append(target)

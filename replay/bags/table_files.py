@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from icreckon.estimator.base.frames import quaternion_to_yaw
-from icreckon.replay.bags.unpacking import limit, too_large
+from icreckon.replay.bags import unpacking
 from icreckon.replay.base.errors import ReplayError
 
 PARQUET_MAGIC = b"PAR1"
@@ -169,8 +169,8 @@ def _csv_bytes(path: Path) -> Any:
     with input_stream(path, compression="detect") as stream:
         while part := stream.read(FIRST_BYTES):
             text += part
-            if len(text) > limit():
-                raise too_large("the table", limit())
+            if len(text) > unpacking.MOST_IN_MEMORY:
+                raise unpacking.too_large("the table", unpacking.MOST_IN_MEMORY)
     return py_buffer(text)
 
 
@@ -210,8 +210,8 @@ def _read_parquet(path: Path) -> Read:
     # The stated size may be too small: a column of equal numbers takes hardly any bytes in a file.
     cells = sum(group.num_rows for group in row_groups) * len(columns)
     size = max(sum(group.total_byte_size for group in row_groups), cells * CELL_BYTES)
-    if size > max(limit(), path.stat().st_size):
-        raise too_large("the table", limit())
+    if size > max(unpacking.MOST_IN_MEMORY, path.stat().st_size):
+        raise unpacking.too_large("the table", unpacking.MOST_IN_MEMORY)
     with parquet.ParquetFile(path, read_dictionary=texts, pre_buffer=False) as file:
         table = file.read(columns=columns, use_threads=False)
     return table, {name: str(kind) for name, kind in types.items() if name not in columns}, []

@@ -1,20 +1,15 @@
-"""Decompression within limits: a small file cannot fill the memory.
-
-Nothing is unpacked beyond the limit, see `unpacked_limit`.
-"""
+"""Decompression within limits: a small file cannot fill the memory, nor the disk."""
 
 import bz2
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 
-from icreckon.estimator.base.checks import is_finite
 from icreckon.replay.base.errors import ReplayError
 
 if sys.version_info >= (3, 14):
@@ -23,7 +18,7 @@ else:
     from backports import zstd
 
 GIGABYTE = 10**9
-LARGEST_LIMIT = 1e6  # largest limit [GB]
+MOST_IN_MEMORY = 2 * GIGABYTE  # largest chunk or message of a bag, and table, once unpacked [bytes]
 PACKED_PIECE, UNPACKED_PIECE = 1 << 16, 1 << 20
 """Bytes that are read, and most bytes that are unpacked, at once."""
 DECOMPRESSORS: dict[str, Callable[[], Any]] = {
@@ -33,36 +28,11 @@ DECOMPRESSORS: dict[str, Callable[[], Any]] = {
 }
 DAMAGE = (zstd.ZstdError, RuntimeError, OSError, EOFError, ValueError)
 """Exceptions of decompressors on bytes that they cannot read."""
-_limit: ContextVar[int] = ContextVar("_limit", default=500_000_000)
-"""Limit of the unpacked size of a chunk, a message, a table or a bag's files [bytes]."""
-
-
-@contextmanager
-def unpacked_limit(gigabytes: float) -> Iterator[None]:
-    """Set the limit of unpacked sizes in gigabytes (1e9 bytes), 0.5 otherwise.
-
-    Raises:
-        ReplayError: the limit is negative, larger than 1e6, or no finite number.
-    """
-    if not (is_finite(gigabytes) and 0.0 <= gigabytes <= LARGEST_LIMIT):
-        bounds = f"from 0 to {LARGEST_LIMIT:g} GB"
-        raise ReplayError(f"the limit of unpacked sizes must be {bounds}, found {gigabytes!r}")
-    token = _limit.set(round(gigabytes * GIGABYTE))
-    try:
-        yield
-    finally:
-        _limit.reset(token)
-
-
-def limit() -> int:
-    """Limit of unpacked sizes [bytes], see `unpacked_limit`."""
-    return _limit.get()
 
 
 def too_large(subject: str, limit_bytes: int) -> ReplayError:
     """Make the error for a subject ("the table") that unpacks to more."""
-    limit_text = f"the limit of {limit_bytes / GIGABYTE:.3g} GB"
-    return ReplayError(f"{subject} unpacks to more than {limit_text}; --unpacked-limit raises it")
+    return ReplayError(f"{subject} unpacks to more than {limit_bytes / GIGABYTE:.3g} GB")
 
 
 def _decompress(
@@ -106,7 +76,7 @@ def unpack(data: bytes, compression: str, *, up_to_damage: bool = False) -> byte
     packed = (data[start : start + PACKED_PIECE] for start in range(0, len(data), PACKED_PIECE))
     unpacked = bytearray()
     with suppress(*DAMAGE if up_to_damage else ()):
-        for piece in _decompress(packed, compression, "a part of the bag", limit()):
+        for piece in _decompress(packed, compression, "a part of the bag", MOST_IN_MEMORY):
             unpacked += piece
     return bytes(unpacked)
 

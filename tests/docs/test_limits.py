@@ -16,7 +16,7 @@ from icreckon.simulation.study import plan
 
 NUMBER = re.compile(r"\d+(?: \d{3})*(?:\.\d+)?(?:e-?\d+)?")
 ROWS = {
-    "unpacked size of a chunk": (unpacking.limit() / unpacking.GIGABYTE, unpacking.LARGEST_LIMIT),
+    "unpacked size of a chunk": (unpacking.MOST_IN_MEMORY / unpacking.GIGABYTE,),
     "columns of a table": (table_files.MOST_COLUMNS,),
     "messages of a topic": (topic_survey.SAMPLES, topic_survey.SAMPLE_BYTES),
     "characters of a line": (LONGEST_LINE,),

@@ -84,5 +84,5 @@ def test_the_site_builds_strictly_and_loads_nothing_from_outside(tmp_path: Path)
     # Made from the code: a robot, a key, an option, a docstring.
     assert "<code>warthog</code>" in by_name["reference/robots"]
     assert "<code>gyro_bias_walk</code>" in by_name["reference/robot-file"]
-    assert "<code>--unpacked-limit</code>" in by_name["reference/commands"]
+    assert "<code>--smooth</code>" in by_name["reference/commands"]
     assert "relative_motion" in by_name["reference/api/estimator"]

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from typer import Argument, Option
 
 from icreckon.estimator.robot.robot_file import robot_names
@@ -47,25 +46,6 @@ MessageFiles = Annotated[
         "--msg",
         help="Definition of a message type that the bag lacks, as our_msgs/msg/Rate.msg; "
         "repeatable.",
-    ),
-]
-
-
-def _limit_unpacking(context: typer.Context, gigabytes: float) -> float:
-    """Set the limit of unpacked sizes until the command ends."""
-    from icreckon.replay.bags.unpacking import unpacked_limit
-
-    context.with_resource(unpacked_limit(gigabytes))
-    return gigabytes
-
-
-UnpackedLimit = Annotated[
-    float,
-    Option(
-        "--unpacked-limit",
-        callback=_limit_unpacking,
-        help="Largest unpacked size of a chunk or message of a bag, of a table, or of a bag that is "
-        "compressed as a whole, in GB.",
     ),
 ]
 Ros = Annotated[

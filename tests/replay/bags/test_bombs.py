@@ -5,6 +5,7 @@ import gzip
 import shutil
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -15,14 +16,14 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import Stores, get_typestore
 
 from bag_messages import JOINTS, SECOND, STORE, joints, robot_with
-from command_line import fails, succeeds
+from command_line import fails
 from icreckon import ReplayError, inspect, read_log
-from icreckon.replay.bags import unpacking
+from icreckon.replay.bags import bag_files, unpacking
 from icreckon.replay.bags.table_files import MOST_COLUMNS
 
 SIZE = 6_000_000
 """Size of the message that does not fit [B]; it takes less than a thousandth of that in the file."""
-LIMIT_GB = 0.002
+LITTLE = 2_000_000
 KIND = "std_msgs/msg/String"
 
 
@@ -67,19 +68,19 @@ KINDS = ("ros1 bz2", "ros1 lz4", "mcap", "sqlite3 messages")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_bomb_is_refused_and_the_limit_can_be_raised(tmp_path: Path, kind: str) -> None:
+def test_a_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    monkeypatch.setattr(unpacking, "MOST_IN_MEMORY", LITTLE)
     path = bomb(tmp_path, kind)
-    said = fails("inspect", path, "--unpacked-limit", LIMIT_GB, cwd=tmp_path)
-    assert "unpacks to more than the limit of 0.002 GB; --unpacked-limit raises it" in said
-    assert str(path) in said
-    done = succeeds("inspect", path, cwd=tmp_path)
-    assert "/text" in done.stdout
+    with pytest.raises(
+        ReplayError, match=r"a part of the bag unpacks to more than 0.002 GB"
+    ) as caught:
+        inspect(path)
+    assert str(caught.value).startswith(str(path))
 
 
-@pytest.mark.parametrize("given", ["-1", "nan"])
-def test_a_limit_that_is_none_is_refused(tmp_path: Path, given: str) -> None:
-    said = fails("inspect", tmp_path, "--unpacked-limit", given, cwd=tmp_path)
-    assert "must be from 0 to 1e+06 GB" in said
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_large_message_is_read(tmp_path: Path, kind: str) -> None:
+    assert [one.topic for one in inspect(bomb(tmp_path, kind)).topics] == ["/text"]
 
 
 def packed_table(path: Path, rows: int) -> Path:
@@ -97,13 +98,17 @@ def packed_table(path: Path, rows: int) -> Path:
 
 
 @pytest.mark.parametrize("name", ["log.csv.gz", "log.csv.bz2", "log.parquet"])
-def test_a_table_that_unpacks_to_more_is_refused(tmp_path: Path, name: str) -> None:
+def test_a_table_that_unpacks_to_more_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
     path = packed_table(tmp_path / name, 130_000)
     assert path.stat().st_size < 100_000
-    said = fails("inspect", path, "--unpacked-limit", LIMIT_GB, cwd=tmp_path)
-    assert f"{path}: the table unpacks to more than the limit of 0.002 GB" in said
     # With the usual limit it is read, and has one time alone.
     assert "All 130000 times are 1" in fails("inspect", path, cwd=tmp_path)
+    monkeypatch.setattr(unpacking, "MOST_IN_MEMORY", LITTLE)
+    with pytest.raises(ReplayError) as caught:
+        inspect(path)
+    assert str(caught.value) == f"{path}: the table unpacks to more than 0.002 GB"
 
 
 def test_a_table_of_very_many_columns_is_refused(tmp_path: Path) -> None:
@@ -146,18 +151,20 @@ def test_all_ways_to_give_it_read_the_same(tmp_path, plugin, monkeypatch):
     assert len(read_log(folder, ROBOT).tracks.stamps) == COUNT
 
 
-def test_the_files_of_a_bag_share_the_limit(tmp_path: Path) -> None:
+def test_the_files_of_a_bag_fit_in_half_of_the_free_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = bag(tmp_path / "bag", StoragePlugin.SQLITE3, CompressionMode.FILE)
     file = next(folder.glob("*.zstd"))
     size = len(unpacking.zstd.decompress(file.read_bytes()))
     shutil.copy(file, folder / "bag_1.db3.zstd")
-    with unpacking.unpacked_limit(1.5 * size / 1e9), pytest.raises(ReplayError) as caught:
+    free = SimpleNamespace(free=3 * size)
+    monkeypatch.setattr(bag_files, "disk_usage", lambda _: free)
+    with pytest.raises(ReplayError, match="half of what is free; TMPDIR names another") as caught:
         inspect(folder)
-    assert str(caught.value).startswith(f"{folder / 'bag_1.db3.zstd'}: the bag unpacks to ")
-    with unpacking.unpacked_limit(2.5 * size / 1e9):
-        assert inspect(folder).topics[0].count == 2 * COUNT
-    said = fails("inspect", folder, "--unpacked-limit", "1e-5", cwd=tmp_path)
-    assert "--unpacked-limit raises it" in said
+    assert str(caught.value).startswith(f"{folder / 'bag_1.db3.zstd'}: cannot be unpacked to ")
+    free.free = 5 * size
+    assert inspect(folder).topics[0].count == 2 * COUNT
 
 
 def test_a_cut_file_is_read_up_to_the_break(tmp_path: Path) -> None:
