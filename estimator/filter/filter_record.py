@@ -42,6 +42,10 @@ class FixesRecord(msgspec.Struct):
     scatter: ScatterRecord = msgspec.field(default_factory=ScatterRecord)
 
 
+# Share of the fastest track speed below which tracks that fall silent may have stopped [-].
+SLOW = 0.05
+
+
 class FilterRecord(msgspec.Struct):
     """Record of the inputs of one streaming filter."""
 
@@ -87,6 +91,20 @@ def take_track_speeds(record: FilterRecord, stamp: int, left: float, right: floa
     before, left_before, right_before = held.stamp, held.left, held.right
     take_tracks(held, stamp, left, right, settings)
     count_distance(held, record.stamp, before, left_before, right_before, settings.hold_ns)
+
+
+def is_silent(record: FilterRecord, stamp: int) -> bool:
+    """Return True if track speeds are stale at an IMU sample's stamp [ns].
+
+    Some drivers send nothing at rest: a robot that was slow then begins to rest.
+    """
+    held, settings = record.tracks, record.settings
+    if stamp - held.stamp <= settings.hold_ns:
+        return False
+    is_new = record.stamp - held.stamp <= settings.hold_ns
+    if is_new and max(abs(held.left), abs(held.right)) < SLOW * settings.fastest:
+        stopped_after(record.still, stamp, 0.0, 0.0, settings.track_speed)
+    return True
 
 
 def ends_step(record: FilterRecord) -> bool:

@@ -12,7 +12,12 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, take_track_speeds
+from icreckon.estimator.filter.filter_record import (
+    FilterRecord,
+    is_silent,
+    may_be_pushed,
+    take_track_speeds,
+)
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, LONGEST_COUNTED
 from icreckon.estimator.filter.initial_state import assumptions
 from icreckon.estimator.filter.process_noise import (
@@ -119,8 +124,8 @@ class ReferenceFilter:
         tilt_density = add_rates(record.tilt, record.imu.interval, rate, *tilt_rates.tolist())
         measure_noise(record.noise, m.stamp, rate, along[0], along[1], self._settings.hold)
         spread, still = measured_noise(record.noise.gyro), record.still
-        is_stale = m.stamp - record.tracks.stamp > record.settings.hold_ns
-        mean = self._readings.mean(still, m.stamp, rate, spread, is_stale, record.settings)
+        silent = is_silent(record, m.stamp)
+        mean = self._readings.mean(still, m.stamp, rate, spread, silent, record.settings)
         noise, record.stands = noise_of_step(record.noise, still, record.settings), mean == mean
         # Predict the twist of the step: a new fast slip, and smoothed derivatives by the parameters.
         dt = (m.stamp - record.stamp) * NANOSECOND

@@ -90,7 +90,7 @@ def quiet_mean(
     stamp: int,
     rate: float,
     noise: float,
-    is_stale: bool,
+    is_silent: bool,
     settings: InputSettings,
 ) -> float:
     """Add a yaw-rate reading; return the mean of quiet readings at standstill.
@@ -105,7 +105,7 @@ def quiet_mean(
         stamp: stamp of the reading [ns].
         rate: the reading [rad/s], NaN if the gyro fails.
         noise: measured noise density of the gyro [rad/s/√Hz].
-        is_stale: the newest track speeds are stale.
+        is_silent: the newest track speeds are stale.
         settings: settings of the filter.
     """
     if still.stopped_since == NEVER or rate != rate:
@@ -126,22 +126,22 @@ def quiet_mean(
             # Readings begin to count after the newest one that is not quiet.
             still.first = min(k + 1, end - 1)
             if still.stopped_since <= oldest_needed:
-                add_restless(still, stamp, is_stale)
+                add_restless(still, stamp, is_silent)
             return math.nan
     if still.stopped_since > oldest_needed or stamps[first] > oldest_needed:
         return math.nan
     if abs(mean - settings.gyro_bias) > settings.most_bias:
         # Smooth, and no bias: it turns.
-        add_restless(still, stamp, is_stale)
+        add_restless(still, stamp, is_silent)
         return math.nan
     mean_sigma = max(of_file, noise) / math.sqrt(settings.duration_ns * NANOSECOND)
     by_noise = SIGMAS_OF_MEAN * math.sqrt(2.0) * mean_sigma
     if (
-        is_stale
+        is_silent
         and still.quiet_at >= still.stopped_since
         and abs(mean - still.quiet_mean) > by_noise
     ):
-        add_restless(still, stamp, is_stale)
+        add_restless(still, stamp, is_silent)
         return math.nan
     settle(still)
     add_quiet(still, stamp, mean, settings.usual_change + by_noise)
@@ -208,7 +208,7 @@ def follow_mean(
         still.steady_mean = still.quiet_mean
 
 
-def add_restless(still: StandstillRecord, stamp: int, is_stale: bool) -> None:
+def add_restless(still: StandstillRecord, stamp: int, is_silent: bool) -> None:
     """Add a stamp [ns] of unrest with resting tracks; a robot is carried if it lasts.
 
     With stale track speeds it may drive as well.
@@ -217,7 +217,7 @@ def add_restless(still: StandstillRecord, stamp: int, is_stale: bool) -> None:
         still.restless_since = stamp
     if is_carried(still) or (stamp - still.restless_since) * NANOSECOND <= ROCKING_TIME:
         return
-    if is_stale:
+    if is_silent:
         end_rest(still)
     else:
         still.carried_since = stamp
@@ -306,14 +306,14 @@ class QuietReadings:
         stamp: int,
         rate: float,
         noise: float,
-        is_stale: bool,
+        is_silent: bool,
         settings: InputSettings,
     ) -> float:
         """Add a reading, see `quiet_mean`."""
         if is_full(still, self.stamps):
             self.make_room()
         return float(
-            quiet_mean(still, self.stamps, self.rates, stamp, rate, noise, is_stale, settings)
+            quiet_mean(still, self.stamps, self.rates, stamp, rate, noise, is_silent, settings)
         )
 
     def memory(self, still: StandstillRecord) -> QuietMemory:
