@@ -24,6 +24,7 @@ from icreckon.estimator.engine.lane_functions import (
     evaluate_twist,
     feed_samples,
     fill_move,
+    is_row_due,
     kernel_of_sample,
     take_sample,
     take_step,
@@ -149,9 +150,12 @@ class LaneSteps:
                 return Sampled(*total.tolist())
             readings.make_room()
 
-    def write_row(self, rows: RunRows) -> None:
-        """Fill the next row with the estimate."""
-        self._write_row(self._lane.places, self._records, self._all_arrays(), rows)
+    def write_row(self, rows: RunRows, stamp: int) -> bool:
+        """Fill the next row if it is due before a measurement at a stamp [ns]."""
+        is_due = is_row_due(rows, stamp, self._record)
+        if is_due:
+            self._write_row(self._lane.places, self._records, self._all_arrays(), rows)
+        return is_due
 
     def take_position(
         self,

@@ -241,7 +241,7 @@ def feed_samples(
         has_tracks, has_imu = tracks < len(track_stamps), imu < len(imu_stamps)
         is_track = not has_imu or (has_tracks and track_stamps[tracks] <= imu_stamps[imu])
         stamp = track_stamps[tracks] if is_track else imu_stamps[imu]
-        if is_row_due(rows, stamp, record.stamp):
+        if is_row_due(rows, stamp, record):
             write_row(places, records, arrays, rows)
         if is_track:
             if not take_tracks(places, records, arrays, samples, tracks):
@@ -290,14 +290,18 @@ def take_tracks(places: Any, records: Any, arrays: Any, samples: SampleArrays, k
     return True
 
 
-def is_row_due(rows: Any, stamp: int, reached: int) -> bool:
+def is_row_due(rows: Any, stamp: int, record: Any) -> bool:
     """Note the stamp of a measurement [ns]; return True if a row is due before it.
 
-    A row is due once for each stamp that the estimate has `reached` [ns], with new track speeds.
+    A row is due once for new track speeds: with an IMU, after the step that has shown their slip.
     """
     progress = rows.progress
     is_later, progress[NEWEST] = stamp > progress[NEWEST], stamp
-    return bool(progress[DUE] != 0 and is_later and reached != progress[WRITTEN])
+    has_reached = record.stamp >= record.tracks.stamp
+    if not has_reached:
+        has_reached = not is_alive(record.imu, stamp, record.settings.hold)
+    is_new = record.stamp != progress[WRITTEN]
+    return bool(progress[DUE] != 0 and is_later and is_new and has_reached)
 
 
 def write_row(places: Any, records: Any, arrays: Any, rows: Any) -> None:

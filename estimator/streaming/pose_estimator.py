@@ -213,9 +213,9 @@ class PoseEstimator:
         health.track_latency = self._stamps.health()
         return health
 
-    def write_row(self, rows: RunRows) -> None:
-        """Fill the next row of a run."""
-        self._reckoning.write_row(rows)
+    def write_row(self, rows: RunRows, stamp: int) -> bool:
+        """Fill the next row of a run if it is due before a measurement at a stamp [ns]."""
+        return self._reckoning.write_row(rows, stamp)
 
     def newest_judged(self) -> list[tuple[str, Judged]]:
         """Newest innovation of each sensor with a gate, without a copy of `health`."""

@@ -217,9 +217,9 @@ class Reckoning:
         rates_P = P[np.ix_(biases, biases)] + noise * np.eye(2)
         return planar._replace(tilt_rates=rates, tilt_rate_covariance=rates_P)
 
-    def write_row(self, rows: RunRows) -> None:
-        """Fill the next row of a run with the estimate."""
-        self._steps.write_row(rows)
+    def write_row(self, rows: RunRows, stamp: int) -> bool:
+        """Fill the next row of a run if it is due before a measurement at a stamp [ns]."""
+        return self._steps.write_row(rows, stamp)
 
     def parameter_health(self) -> Floats:
         """Uncertainty (9, 3) of the parameters, see `ParameterHealth`."""

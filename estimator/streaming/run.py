@@ -14,7 +14,8 @@ from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.filter import samples as sample_arrays
 from icreckon.estimator.filter.fault_table import FAULT_COLUMNS
 from icreckon.estimator.filter.health import Health, Judged
-from icreckon.estimator.filter.samples import COUNT, DUE, NEWEST, WRITTEN, RunRows, SampleArrays
+from icreckon.estimator.filter.samples import COUNT, DUE, NEWEST, RunRows, SampleArrays
+from icreckon.estimator.log.input_checks import LATEST
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import Measurement, TrackSpeeds
 from icreckon.estimator.log.series import TrackSpeedSeries, require_part
@@ -118,7 +119,7 @@ class _Feeding:
 
     def finished(self) -> Run:
         """Run of all measurements, with a row for the newest track speeds."""
-        self._write_row_if_due(None)
+        self._write_row_if_due(LATEST)
         return self._run_of_filled_rows()
 
     def _run_of_filled_rows(self) -> Run:
@@ -127,14 +128,12 @@ class _Feeding:
         names, count = state_names(estimator.variant), int(rows.arrays.progress[COUNT])
         return rows.finish(count, estimator.variant.name, names, estimator.health)
 
-    def _write_row_if_due(self, stamp: int | None) -> None:
-        """Write a row if one is due before a measurement at a stamp [ns], or at the end."""
+    def _write_row_if_due(self, stamp: int) -> None:
+        """Write a row if one is due before a measurement at a stamp [ns]."""
         rows, estimator = self.rows, self.estimator
-        progress = rows.arrays.progress
-        is_later = stamp is None or stamp > progress[NEWEST]
-        if progress[DUE] and is_later and estimator.stamp != progress[WRITTEN]:
-            rows.innovations.put(int(progress[COUNT]), estimator.newest_judged())
-            estimator.write_row(rows.arrays)
+        row = int(rows.arrays.progress[COUNT])
+        if estimator.write_row(rows.arrays, stamp):
+            rows.innovations.put(row, estimator.newest_judged())
             if self.at_row is not None:
                 self.at_row()
 
@@ -145,7 +144,6 @@ class _Feeding:
             stamp = measurement.stamp
             try:
                 self._write_row_if_due(stamp)
-                progress[NEWEST] = stamp
                 used = self.estimator.feed(measurement)
             except IcreckonError:
                 raise

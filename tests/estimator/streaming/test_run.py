@@ -62,6 +62,21 @@ def test_run_is_feeding_by_hand(log, variant):
     assert found.health.sensors["tracks"].used == len(log.tracks.stamps)
 
 
+@pytest.mark.parametrize("rate", [19.0, 33.0])
+def test_the_yaw_rate_is_the_gyros_also_between_its_samples(rate: float) -> None:
+    """A row of new track speeds waits for the IMU, which shows their slip."""
+    robot, errors = load_robot("auriga-alpha"), []
+    for track_rate in (20.0, rate):
+        scenario = Scenario(
+            duration=20.0, seed=1, trajectory="aggressive", fix_rate=0.0, track_rate=track_rate
+        )
+        found = simulate(scenario, robot)
+        rates, truth = run(found, robot, "inertia-online").trajectory, found.truth.twists
+        true = np.interp(rates.stamps, truth.stamps, truth.twists[:, 2])
+        errors.append(float(np.std(rates.twists[:, 2] - true)))
+    assert errors[1] < 1.3 * errors[0]
+
+
 def test_refused_track_speeds_have_no_row(log):
     speeds = log.tracks.speeds.copy()
     speeds[[100, 200]] = np.nan

@@ -55,10 +55,11 @@ def lose(
             return 0, 0, 0
 
         @np.errstate(invalid="ignore")
-        def write_row(self, rows: RunRows) -> None:
-            super().write_row(rows)
-            if self.stamp is not None and self.stamp >= FROM and self.variant.name in names:
+        def write_row(self, rows: RunRows, stamp: int) -> bool:
+            is_due = super().write_row(rows, stamp)
+            if is_due and self.stamp >= FROM and self.variant.name in names:
                 how(rows, int(rows.progress[COUNT]) - 1)
+            return is_due
 
     monkeypatch.setattr("icreckon.estimator.streaming.run.PoseEstimator", Losing)
 
