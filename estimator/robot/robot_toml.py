@@ -13,7 +13,7 @@ from icreckon.estimator.robot.robot_file import Robot
 TABLES = (
     "vehicle", "indices", "constant_icr", "imu", "tracks", "slope", "undetected_slip", "soil",
 )  # fmt: skip
-DIGITS = 7  # significant digits of a computed number
+DIGITS = 7  # significant digits of the numbers of a robot, which may be computed
 COMMENT_AT = 40  # column at which the comments of short lines are aligned
 
 
@@ -40,7 +40,7 @@ def robot_toml(
 
 def _table_lines(name: str, values: msgspec.Struct, comments: Mapping[str, str]) -> list[str]:
     """Lines of a table after a blank one; a value of None is left out."""
-    fields = ((key, getattr(values, key)) for key in values.__struct_fields__)
+    fields = ((key, _rounded(getattr(values, key))) for key in values.__struct_fields__)
     lines = [_line(key, value, comments.get(key, "")) for key, value in fields if value is not None]
     return ["", f"[{name}]", *lines]
 
@@ -66,13 +66,19 @@ def _key(name: str) -> str:
     return name if name.replace("-", "").replace("_", "").isalnum() else json.dumps(name)
 
 
+def _rounded(value: Any) -> Any:
+    """Round a number, or a tuple of numbers, to `DIGITS` significant digits."""
+    if isinstance(value, tuple):
+        return tuple(map(_rounded, value))
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+
+
 def toml_value(value: Any) -> str:
-    """Value, rounded to its significant digits."""
+    """Format a value; numbers are exact."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float):
-        text = f"{value:.{DIGITS}g}"
-        return text if any(mark in text for mark in ".en") else f"{text}.0"
+        return repr(float(value))
     if isinstance(value, int):
         return str(value)
     if isinstance(value, list | tuple):

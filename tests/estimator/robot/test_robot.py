@@ -1,5 +1,6 @@
 """The robot file: defaults, and everything that is refused."""
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -117,13 +118,20 @@ def test_values_are_changed_by_their_keys():
         icreckon.changed_robot("warthog", {})
 
 
+def test_the_offset_of_a_clock_keeps_all_digits(tmp_path):
+    columns = {"time": "t", "tracks": {"left": ["l"], "clock_offset": 1759999925.766}}
+    robot = msgspec.structs.replace(load_robot("husky"), log={"columns": columns})
+    (tmp_path / "robot.toml").write_text(icreckon.robot_toml(robot), encoding="utf-8")
+    assert load_robot(tmp_path / "robot.toml").log == robot.log
+
+
 @pytest.mark.parametrize("name", robot_names())
 def test_its_file_is_the_same_robot(name: str, tmp_path):
     robot = load_robot(name)
     path = tmp_path / "robot.toml"
     path.write_text(icreckon.robot_toml(robot), encoding="utf-8")
     again = load_robot(path)
-    # Numbers keep seven digits.
+    # Numbers keep seven digits, and those of [log] all.
     assert icreckon.robot_toml(again) == icreckon.robot_toml(robot)
     assert again.vehicle.mass == pytest.approx(robot.vehicle.mass)
     assert again.log == robot.log

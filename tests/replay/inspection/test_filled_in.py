@@ -33,7 +33,7 @@ def proposal(path: Path, text: str = PROPOSED) -> str:
 def test_what_was_filled_in_is_kept(tmp_path: Path):
     path = tmp_path / "robot.toml"
     before = proposal(path).replace("mass = nan", "mass = 30", 1)
-    before = before.replace("max_track_speed = 2.0", "max_track_speed = 0.9")
+    before = before.replace("max_track_speed = 2.0", "max_track_speed = 0.123456789")
     before = before.replace("[0.0, 0.0, 0.0]", "[0.1, 0.0, 0.3]")
     before = before.replace('name = "drive"', 'name = "mole"')
     before += "\n[soil]  # of the yard\nfriction = 0.7\n"
@@ -43,7 +43,7 @@ def test_what_was_filled_in_is_kept(tmp_path: Path):
     found = tomllib.loads(text)
     assert found["name"] == "mole"
     assert found["vehicle"]["mass"] == 30
-    assert found["vehicle"]["max_track_speed"] == 0.9
+    assert found["vehicle"]["max_track_speed"] == 0.123456789
     assert found["vehicle"]["track_gauge"] != found["vehicle"]["track_gauge"]
     assert found["imu"]["position"] == [0.1, 0.0, 0.3]
     assert found["soil"] == {"friction": 0.7}
