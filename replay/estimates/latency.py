@@ -7,7 +7,7 @@ of slip in that time. The estimate needs neither truth nor fixes.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from msgspec import structs
@@ -203,7 +203,8 @@ def _even_rates(stamps: Stamps, rates: Floats) -> Floats:
 def on_one_clock(mapping: TopicMap, read: Callable[[TopicMap, str], Log]) -> TopicMap:
     """Mapping of tables with offset and drift of the tracks' clock if they are clear.
 
-    It is the same object if they are not. `read` reads one stream of a mapping, by its purpose.
+    Fixes and truth that share the time of the tracks, and not that of the IMU, get the offset, too. It is
+    the same object if they are not clear. `read` reads one stream of a mapping, by its purpose.
     """
     columns = mapping.columns
     if columns is None or columns.tracks is None:
@@ -215,5 +216,23 @@ def on_one_clock(mapping: TopicMap, read: Callable[[TopicMap, str], Log]) -> Top
     fit = clock_fit(tracks, of_imu.imu, vertical_rate(of_imu.imu, mounting))
     if fit is None or not fit.is_apart:
         return mapping
-    changed = structs.replace(columns.tracks, **fit.keys(columns.tracks))
-    return structs.replace(mapping, columns=structs.replace(columns, tracks=changed))
+    keys = fit.keys(columns.tracks)
+    changed: dict[str, Any] = {"tracks": structs.replace(columns.tracks, **keys)}
+    for purpose in ("fixes", "truth"):
+        other = getattr(columns, purpose)
+        if other is not None and not other.clock_offset:
+            log = read(mapping, purpose)
+            poses = log.truth.poses if log.truth is not None else log.fixes
+            if (
+                poses is not None
+                and _share_time(poses.stamps, tracks.stamps)
+                and not _share_time(poses.stamps, of_imu.imu.stamps)
+            ):
+                offset = keys["clock_offset"]
+                changed[purpose] = structs.replace(other, clock_offset=offset)
+    return structs.replace(mapping, columns=structs.replace(columns, **changed))
+
+
+def _share_time(one: Stamps, other: Stamps) -> bool:
+    """Return True if two series of stamps overlap."""
+    return bool(len(one) and len(other) and one[0] <= other[-1] and other[0] <= one[-1])

@@ -46,7 +46,8 @@ def evidence_of(streams: Mapping[str, Stream]) -> dict[str, Evidence]:
     return {purpose: stream.evidence() for purpose, stream in streams.items()}
 
 
-ANOTHER_CLOCK = 60.0  # distance of all fixes from tracks and IMU that shows another clock [s]
+# Distance of all samples from tracks and IMU that shows another clock, by purpose [s].
+ANOTHER_CLOCK = {"fixes": 60.0, "truth": 0.0}
 
 
 @dataclass
@@ -129,14 +130,18 @@ class _Assembly:
         if not far.all():
             stream.lose("stamp is days from most others", int(far.sum()))
             stamps, rows = stamps[~far], rows[~far]
-        if stream.purpose == "fixes" and len(stamps) and self._span is not None:
+        if stream.purpose in ANOTHER_CLOCK and len(stamps) and self._span is not None:
             begin, end = self._span
             apart = max(begin - int(stamps[-1]), int(stamps[0]) - end) * NANOSECOND
-            if apart > ANOTHER_CLOCK:
+            if apart > ANOTHER_CLOCK[stream.purpose]:
                 stream.lose("stamp of another clock", len(stamps))
+                keys = (
+                    f": clock_offset in [log.columns.{stream.purpose}]" if stream.from_table else ""
+                )
                 self.notes.append(
-                    f"{OF_STAMPS}no fix is within the time of tracks and IMU, they are {apart:.4g} s "
-                    "apart: another clock, or unit of time; fixes are left out"
+                    f"{OF_STAMPS}no {'fix' if stream.purpose == 'fixes' else 'pose of the truth'} is "
+                    f"within the time of tracks and IMU, they are {apart:.4g} s apart: another clock, "
+                    f"or unit of time{keys}; {stream.purpose} left out"
                 )
                 stamps, rows = stamps[:0], rows[:0]
         for begin, end in self._overlaid:

@@ -21,6 +21,7 @@ from icreckon import (
     read_log,
     simulate,
 )
+from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import changed_robot
 from icreckon.replay.mapping.columns import TrackColumns
@@ -125,14 +126,26 @@ def test_a_clock_of_another_origin_is_found_by_the_yaw_rates(tmp_path: Path) -> 
 
     def found(late: float, drift: float) -> tuple[str, TrackColumns]:
         millis = (log.tracks.stamps - since) * 1e-6 * (1.0 + drift) + 1000.0 * late
-        tracks = np.column_stack([millis, log.tracks.speeds])
+        poses = interpolate_poses(log.truth.poses, log.tracks.stamps)
+        tracks = np.column_stack([millis, log.tracks.speeds, poses])
         path = tmp_path / f"tracks{late}.csv"
-        np.savetxt(path, tracks, "%.17g", ",", header="millis,left_speed,right_speed", comments="")
+        header = "millis,left_speed,right_speed,truth_x,truth_y,truth_yaw"
+        np.savetxt(path, tracks, "%.17g", ",", header=header, comments="")
         inspection = inspect([tmp_path / "imu.csv", path])
         proposed = inspection.mapping.columns
         mapped = {"log": {"columns": to_builtins(proposed)}}
         with_it = read_log([tmp_path / "imu.csv", path], changed_robot(robot, mapped))
         assert np.abs(with_it.tracks.stamps - log.tracks.stamps).max() < 0.02 * SECOND
+        # The truth has the clock of the tracks.
+        assert proposed.truth.clock_offset == proposed.tracks.clock_offset
+        assert abs(int(with_it.truth.poses.stamps[0] - log.tracks.stamps[0])) < 0.02 * SECOND
+        apart = replace(proposed, truth=replace(proposed.truth, clock_offset=0.0))
+        mapped = {"log": {"columns": to_builtins(apart)}}
+        lacks_truth = read_log([tmp_path / "imu.csv", path], changed_robot(robot, mapped))
+        assert lacks_truth.truth is None
+        assert any(
+            "clock_offset in [log.columns.truth]; truth left out" in n for n in lacks_truth.notes
+        )
         without = replace(proposed, tracks=replace(proposed.tracks, clock_offset=0.0))
         mapped = {"log": {"columns": to_builtins(without)}}
         with pytest.raises(ReplayError, match="do not overlap in time: they have two clocks"):
