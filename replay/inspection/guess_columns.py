@@ -1,7 +1,7 @@
 """Guess of the column map of an unknown table, by the names of its columns."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +25,7 @@ TIME_WORDS = re.compile(r"time|stamp")
 # Words of a name that may stand with its side where none is a speed's.
 BARE = re.compile(
     r"wheels?|tracks?|sprockets?|drives?|motors?|front|rear|back|mid(?:dle)?|side|measured|actual"
-    r"|v|w|k?m|[cm]?m|s|ms|mps|kmh|rad|rads|deg|h|l|r|[fmrbvw][lr]|[lr][fmrb]|"
+    r"|v|w|k?m|[cm]?m|s|ms|mps|kmh|rad|rads|deg|h|l|r|[fhmrbvw][lr]|[lr][fmrb]|"
 )
 # Last words of the names of a pose.
 POSE_NAMES = [re.compile(rf"(?:^|[_.])(?:{one})$") for one in ("t?x", "t?y", "yaw|heading|theta")]
@@ -92,6 +92,28 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         if (keys := naming.imu_keys(names))
     )
     return None if main is None else ColumnMap(*main, tracks, next(imus, None), fixes, truth)
+
+
+def unused_columns(tables: Sequence[Table], columns: ColumnMap | None) -> Iterator[str]:
+    """Findings on wheels like those of the mapping, and positions, that it lacks."""
+    if columns is None:
+        return
+    names = {column.name for table in tables for column in table.columns if column.is_number}
+    if columns.tracks is not None and (used := columns.tracks.left):
+        wheels = [
+            name
+            for name in sorted(names - {*used, *columns.tracks.right})
+            if naming.is_of_wheel(name)
+            and naming.unit_of(name, "m/s") == naming.unit_of(used[0], "m/s")
+            and not naming.is_truth(name)
+        ]
+        if len(wheels) > 1:
+            yield f"tracks: {', '.join(wheels)} not used; left and right take all wheels of a side"
+    if columns.truth is None:
+        in_parts = {name: name.lower().removesuffix("_mm").removesuffix("_cm") for name in names}
+        places = [name for name, part in in_parts.items() if part != name.lower()]
+        if any(POSE_NAMES[0].search(naming.plain_name(in_parts[name])) for name in places):
+            yield f"positions not used: {', '.join(sorted(places))}; a truth is in metres"
 
 
 def _with_gravity(names: Sequence[str], table: Table) -> list[str]:

@@ -69,8 +69,8 @@ UNIT_WORDS |= {"dist": "m", "rpm": "rpm", "/min": "rpm", "rad": "rad/s", "deg": 
 UNIT_WORDS |= {"mm": "mm/s", "km": "km/h"}
 PLACEHOLDER_SIGMA = 0.05  # of fixes without a covariance [m], of headings [rad]; to be replaced
 CAPITAL = re.compile(r"(?<=[a-z])(?=[A-Z])")  # places where a word begins in a name as encL
-LEFT = {"l", "vl", "wl", "lwheel", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
-RIGHT = {"r", "vr", "wr", "rwheel", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
+LEFT = {"l", "vl", "wl", "lwheel", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb", "hl"}
+RIGHT = {"r", "vr", "wr", "rwheel", "fr", "mr", "rr", "br", "rf", "rm", "rb", "hr"}
 
 
 def is_truth(name: str) -> bool:
