@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from icreckon.estimator.log.failed_sensors import imu_span, stuck_sides, unequal_sides
+from icreckon.estimator.log.failed_sensors import imu_span, unequal_sides
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
@@ -115,7 +115,7 @@ def _track_finding(estimates: LogEstimates) -> str:
 
 def _failed_sensors(estimates: LogEstimates, log: Log) -> Iterator[str]:
     """Findings on sensors that fail in the log or a part of it."""
-    yield from (f"tracks: {stuck.text}" for stuck in stuck_sides(log.tracks, None))
+    yield from (f"tracks: {stuck.text}" for stuck in estimates.stuck)
     rates, is_usable = estimates.vertical, imu_mounting.are_usable(log.tracks)
     if log.imu is not None and rates is not None and is_usable and not estimates.mapping.from_twist:
         found = unequal_sides(log.tracks, log.imu, rates)

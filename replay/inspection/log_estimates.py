@@ -11,6 +11,7 @@ from msgspec import to_builtins
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.config import convert
+from icreckon.estimator.log.failed_sensors import StuckSide, stuck_sides, turning_at
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
@@ -77,6 +78,7 @@ class LogEstimates:
     wander: FixWanderEstimate | str | None = None  # error of the fixes, or why it is not known
     imu_mount: Mount | None = None  # static transform of the IMU
     fix_fit: FixFit | None = None  # place of the antenna, lag and scale by the fixes
+    stuck: Sequence[StuckSide] = ()  # sides that repeat one reading; not part of the wheels
     track: TrackByRate | None = None  # effective track of the whole log and over the yaw rate
 
     @property
@@ -204,18 +206,43 @@ def _measured(estimates: LogEstimates, log: Log) -> LogEstimates:
             in_time = replace(in_time, stamps=in_time.stamps - round(fit.lag / NANOSECOND))
         aligned = replace(aligned, fixes=in_time)
         wander = estimate_wander(aligned, vertical, states_sigma=estimates.states_fix_sigma)
+    found = wheels.wheel_estimates(aligned, wheel_rate, correlation)
+    stuck = _stuck_sides(aligned, vertical, found.track_ratio)
+    sound = aligned
+    if stuck and wheel_rate is not None:
+        sound = _longest_without(aligned, stuck)
+        _, wheel_rate = _mounting_and_vertical(sound, estimates.imu_mount)
+        found = wheels.wheel_estimates(sound, wheel_rate, correlation)
     measured = replace(
         estimates,
         mounting=mounting,
         vertical=vertical,
-        wheels=wheels.wheel_estimates(aligned, wheel_rate, correlation),
+        wheels=found,
+        stuck=stuck,
         latencies=latencies,
         are_apart=is_apart,
         bias=None if vertical is None or is_apart else gyro_bias(aligned, vertical),
         wander=wander,
         fix_fit=fit,
     )
-    return replace(measured, track=_track_by_rate(measured, aligned))
+    return replace(measured, track=_track_by_rate(measured, sound, wheel_rate))
+
+
+def _stuck_sides(log: Log, vertical: Floats | None, track: float | None) -> list[StuckSide]:
+    """Sides that repeat one reading, by the gyro if the effective track is known."""
+    turning = None
+    if log.imu is not None and vertical is not None and track is not None:
+        turning = turning_at(log.tracks, log.imu, vertical, track)
+    return stuck_sides(log.tracks, turning)
+
+
+def _longest_without(log: Log, stuck: Sequence[StuckSide]) -> Log:
+    """Longest part of a log in which no side is stuck."""
+    stamps = log.tracks.stamps
+    bad = sorted((rows.start, rows.stop) for side in stuck for rows in side.spans)
+    edges = [0, *(row for span in bad for row in span), len(stamps)]
+    begin, end = max(zip(edges[::2], edges[1::2], strict=True), key=lambda part: part[1] - part[0])
+    return log.between(int(stamps[begin]), int(stamps[end - 1]))
 
 
 def _mounting_and_vertical(
@@ -229,9 +256,11 @@ def _mounting_and_vertical(
     return mounting, vertical
 
 
-def _track_by_rate(estimates: LogEstimates, aligned: Log) -> TrackByRate | None:
+def _track_by_rate(
+    estimates: LogEstimates, aligned: Log, vertical: Floats | None
+) -> TrackByRate | None:
     """Effective track by the gyro, of the whole log and over the yaw rate."""
-    ratio, bias, vertical = estimates.wheels.track_ratio, estimates.bias, estimates.vertical
+    ratio, bias = estimates.wheels.track_ratio, estimates.bias
     if ratio is None or vertical is None:
         return None
     whole, unit = estimates.effective_track, "m"

@@ -10,7 +10,7 @@ import pytest
 from test_inspection import driven_log
 
 from conftest import inspected, sample_log, thorough
-from icreckon import Log, compare, drift, inspect, read_log, write_log
+from icreckon import Log, Scenario, compare, drift, inspect, read_log, simulate, write_log
 from icreckon.estimator.log.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
 from icreckon.replay.checking.robot_check import check_robot, is_of_another
@@ -135,6 +135,24 @@ def test_a_side_that_is_stuck_is_a_finding(tmp_path: Path, left, right, is_stuck
     path.write_text("\n".join(["t,left_speed,right_speed", *rows]), encoding="utf-8")
     found = any("the right side repeats one reading" in text for text in inspect(path).findings)
     assert found == is_stuck
+
+
+def test_a_side_that_is_stuck_for_a_while_does_not_change_the_effective_track(
+    tmp_path: Path,
+) -> None:
+    robot = load_robot("auriga-alpha")
+    whole = simulate(Scenario(duration=120.0, seed=2, fix_rate=0.0), robot)
+    speeds, times = whole.tracks.speeds.copy(), whole.tracks.stamps - whole.start
+    stuck = (times > 50e9) & (times < 80e9)
+    speeds[stuck, 0] = 0.6
+    failing = replace(whole, tracks=TrackSpeedSeries(whole.tracks.stamps, speeds))
+    found = []
+    for name, log in (("whole", whole), ("failing", failing)):
+        write_log(log, tmp_path / name, "mcap", robot)
+        inspection = inspect(tmp_path / name)
+        found.append(inspection.track.whole)
+    assert any("the left side repeats one reading" in text for text in inspection.findings)
+    assert found[1] == pytest.approx(found[0], rel=0.02)
 
 
 def test_counters_need_their_counts(tmp_path: Path) -> None:
