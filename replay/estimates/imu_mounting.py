@@ -17,6 +17,7 @@ from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.replay.reading.stamps import true_runs
 
 STILL_SPEED = 0.005  # track speeds below this share of the fastest, spikes aside, count as zero [-]
+SLOW_AT_GAP, LEAST_GAP = 0.1, 2.0  # highest share of the speed around a gap [s] that is a stop
 STILL_MARGIN = 0.5  # time after a stop and before a start that does not count as standstill [s]
 ENOUGH_STILL = 2.0  # shortest standstill, less the margins, from which a bias is estimated [s]
 ABSURD = 1e6  # implausible reading of an IMU, in rad/s or m/s², or of track speeds, in rad/s
@@ -160,18 +161,27 @@ def rate_about(upward: Floats, rates: Floats, gyro_axes: str) -> Floats:
     return np.asarray(rates @ upward if gyro_axes == "xyz" else rates[:, 2] / upward[2])
 
 
-def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Mask (n,) of the stamps [ns] that lie well inside a standstill of both tracks."""
-    # A stop lasts from the first to the last of at least two consecutive track-speed samples of about
-    # zero, less `STILL_MARGIN` at each end.
-    result = np.zeros(len(stamps), dtype=bool)
+def stops(tracks: TrackSpeedSeries) -> list[tuple[int, int]]:
+    """First and last stamp [ns] of each stop of both tracks, in no order."""
+    # At least two consecutive samples of about zero; or a gap between slow ones, of a driver that sends
+    # nothing at rest.
     if not len(tracks.stamps):
-        return result
+        return []
     speed = np.abs(tracks.speeds).max(axis=1)
+    fast = np.percentile(speed, 99)
+    is_slow = speed <= SLOW_AT_GAP * fast
+    is_gap = (np.diff(tracks.stamps) * NANOSECOND > LEAST_GAP) & is_slow[:-1] & is_slow[1:]
+    gaps = ((row, row + 1) for row in np.flatnonzero(is_gap))
+    runs = (*true_runs(speed <= STILL_SPEED * fast), *gaps)
+    return [(int(tracks.stamps[first]), int(tracks.stamps[last])) for first, last in runs]
+
+
+def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Mask (n,) of the stamps [ns] that lie well inside a stop of both tracks."""
+    result = np.zeros(len(stamps), dtype=bool)
     margin = round(STILL_MARGIN / NANOSECOND)
-    for first, last in true_runs(speed <= STILL_SPEED * np.percentile(speed, 99)):
-        start, stop = tracks.stamps[first] + margin, tracks.stamps[last] - margin
-        result |= (stamps >= start) & (stamps <= stop)
+    for start, stop in stops(tracks):
+        result |= (stamps >= start + margin) & (stamps <= stop - margin)
     return result
 
 

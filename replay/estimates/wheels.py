@@ -23,7 +23,6 @@ from icreckon.replay.estimates.fix_wander import fit_fixes
 from icreckon.replay.mapping.naming import sides
 from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.reading.conversions import STANDARD_GRAVITY
-from icreckon.replay.reading.stamps import true_runs
 
 CLEAR_SIGN = 0.3  # least correlation of tracks and gyro that shows the sign of turning [-]
 FAST_TURNING = 6.0  # yaw rate that a ground robot hardly exceeds [rad/s]
@@ -167,16 +166,11 @@ def _distance_ratio(
 
 def standstills(log: Log) -> list[tuple[float, float]]:
     """Standstills of a second or more: (start, end) since the log's start [s]."""
-    stamps = log.tracks.stamps
-    if not len(stamps):
-        return []
-    # The mask leaves out half a second at each end of a stop, and so all of a stop under a second.
-    is_still, margin = imu_mounting.standstill(log.tracks, stamps), imu_mounting.STILL_MARGIN
-    stops = []
-    for first_and_last in true_runs(is_still):
-        start, end = ((stamps[first_and_last] - log.start) * NANOSECOND).tolist()
-        stops.append((max(0.0, start - margin), end + margin))
-    return stops
+    found = sorted(imu_mounting.stops(log.tracks))
+    times = (
+        ((start - log.start) * NANOSECOND, (end - log.start) * NANOSECOND) for start, end in found
+    )
+    return [(start, end) for start, end in times if end - start >= 1.0]
 
 
 def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[str]:

@@ -1,5 +1,7 @@
 """Track speeds that are unknown: what the filter reports while they are stale or stuck."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -9,6 +11,7 @@ from icreckon import Log, PoseEstimator, Scenario, Settings, load_robot, run, si
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.constants import REGRESSOR_SMOOTHING
 from icreckon.estimator.filter.process_noise import Disturbances
+from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.reference.ekf import IcrEkf, ProcessNoise
 from icreckon.estimator.robot.variants import find_variant, slip_of
@@ -72,6 +75,21 @@ def test_a_bend_that_begins_while_no_track_speeds_come_is_no_rest(seed: int, var
     assert error @ np.linalg.solve(covariance, error) < chi2.ppf(0.99, 2)
     biases = [one.states[-1, s.GYRO_BIAS] for one in (found, run(whole, ROBOT, variant))]
     assert abs(biases[0] - biases[1]) < 0.01
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_driver_that_sends_nothing_at_rest_shows_the_bias(variant: str) -> None:
+    options = {"drive": 6.0, "rest": 10.0}
+    scenario = Scenario(
+        duration=50.0, seed=3, trajectory="stop-and-go", trajectory_options=options, fix_rate=0.0
+    )
+    whole = simulate(scenario, ROBOT)
+    sends = np.abs(whole.tracks.speeds).max(axis=1) > 0.02 * FASTEST
+    sends[0] = True
+    tracks = TrackSpeedSeries(whole.tracks.stamps[sends], whole.tracks.speeds[sends])
+    silent, found = (run(one, ROBOT, variant) for one in (replace(whole, tracks=tracks), whole))
+    assert silent.state_sigmas[-1, s.GYRO_BIAS] < 1.5 * found.state_sigmas[-1, s.GYRO_BIAS]
+    assert abs(silent.states[-1, s.GYRO_BIAS] - found.states[-1, s.GYRO_BIAS]) < 0.001
 
 
 SETTINGS = input_settings(ROBOT, Settings())

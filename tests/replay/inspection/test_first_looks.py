@@ -155,6 +155,18 @@ def test_a_side_that_is_stuck_for_a_while_does_not_change_the_effective_track(
     assert found[1] == pytest.approx(found[0], rel=0.02)
 
 
+def test_gaps_of_a_driver_that_sends_nothing_at_rest_are_standstills() -> None:
+    options = {"drive": 6.0, "rest": 10.0}
+    scenario = Scenario(duration=50.0, seed=3, trajectory="stop-and-go", trajectory_options=options)
+    log = simulate(scenario, load_robot("auriga-alpha"))
+    speed = np.abs(log.tracks.speeds).max(axis=1)
+    sends = speed > 0.02 * speed.max()
+    tracks = TrackSpeedSeries(log.tracks.stamps[sends], log.tracks.speeds[sends])
+    found, silent = (wheels.standstills(one) for one in (log, replace(log, tracks=tracks)))
+    # Before the first and after the last track speeds, nothing shows a rest.
+    assert silent == [pytest.approx(span, abs=0.5) for span in found[1:3]]
+
+
 def test_counters_need_their_counts(tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     path.write_text("t,enc_left,enc_right\n0.0,1,2\n0.1,2001,2002\n", encoding="utf-8")
