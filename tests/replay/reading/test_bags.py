@@ -124,7 +124,7 @@ def test_names_of_wheels_in_an_odometry_are_said_to_be_ignored(tmp_path: Path) -
 
 
 def test_odometry_as_truth(tmp_path: Path) -> None:
-    path = write_bag(tmp_path / "bag", [*SPEEDS, ("/odom", made.odometry(7, 1.5, 0.5))])
+    path = write_bag(tmp_path / "bag", [*SPEEDS, ("/odom", made.odometry(made.SECOND, 1.5, 0.5))])
     log = read_log(path, robot_with(tracks=JOINTS, truth={"topic": "/odom", "source": "rail"}))
     np.testing.assert_array_equal(log.truth.twists.twists, [[1.5, 0.0, 0.5]])
     assert log.truth.source == "rail"
