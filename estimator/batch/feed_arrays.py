@@ -26,13 +26,14 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
     The newest `Settings.history` seconds are fed one by one, so that late measurements can be inserted.
     Late measurements of the time before are `TOO_OLD` afterwards.
 
-    All samples are fed one by one if values are implausible or missing, stamps do not rise, or there are
-    marks, or faults of your own. The loop is compiled at the first call for a motion model.
+    All samples are fed one by one if some are not newer than the estimate, values are implausible or
+    missing, stamps do not rise, or there are marks, or faults of your own. The loop is compiled at the
+    first call for a motion model.
 
     Args:
         estimator: the estimator.
-        tracks: track speeds, newer than all measurements so far.
-        imu: IMU samples, newer than all measurements so far.
+        tracks: track speeds.
+        imu: IMU samples.
 
     Returns:
         Number of measurements that were used.
@@ -69,6 +70,8 @@ def _array_interval(log: Log, estimator: PoseEstimator) -> tuple[int, int] | Non
     if (np.diff(track_stamps) <= 0).any() or (np.diff(imu_stamps) <= 0).any():
         return None
     if len(imu_stamps) < LEAST_BULK + FIRST_SAMPLES or not len(track_stamps):
+        return None
+    if estimator.stamp is not None and log.start <= estimator.stamp:
         return None
     fastest = estimator.robot.vehicle.max_track_speed
     if estimator.marks or estimator.has_own_faults or has_absurd_readings(log, fastest):

@@ -12,7 +12,15 @@ from dataclasses import replace
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, changed_robot
 from icreckon.replay.checking import fix_checks, imu_checks, track_checks, velocity_checks
-from icreckon.replay.checking.check import FORWARD, MOUNTING, SCALE, TRACK, Check, corrected
+from icreckon.replay.checking.check import (
+    FORWARD,
+    LATENCY,
+    MOUNTING,
+    SCALE,
+    TRACK,
+    Check,
+    corrected,
+)
 from icreckon.replay.mapping.naming import is_command
 from icreckon.replay.mapping.topics import TopicMap, topic_map, with_column_keys
 from icreckon.replay.reading.gather import left_out
@@ -44,7 +52,11 @@ CHECKS = (
     velocity_checks.check_velocity,
 )
 # These compare both sides with the gyro, which stands in for a side that is stuck or reads too little.
-OF_BOTH_SIDES = {track_checks.check_turning, track_checks.check_latency, track_checks.check_track}
+OF_BOTH_SIDES = {
+    track_checks.check_turning: "sense of turning",
+    track_checks.check_latency: LATENCY,
+    track_checks.check_track: TRACK,
+}
 
 
 def check_robot(log: Log, robot: Robot) -> list[Check]:
@@ -55,6 +67,7 @@ def check_robot(log: Log, robot: Robot) -> list[Check]:
     checks: list[Check] = []
     for function in CHECKS:
         if function in OF_BOTH_SIDES and track_checks.FAILED & {check.name for check in checks}:
+            checks.append(Check(OF_BOTH_SIDES[function], "", "not checked, since a side fails"))
             continue
         for check in function(log, robot):
             checks.append(replace(check, remedy=with_column_keys(check.remedy, robot)))

@@ -62,6 +62,17 @@ def test_arrays_may_follow_arrays_and_single_samples() -> None:
     assert by_arrays.health.sensors["position"].too_late == 1
 
 
+def test_samples_that_are_fed_again_are_duplicates() -> None:
+    log, (by_arrays, whole) = drive(), estimators("inertia-online")
+    used = 0
+    for begin, end in ((0.0, 15.0), (14.5, 30.1)):
+        part = log.part(begin, end)
+        used += feed_arrays(by_arrays, part.tracks, part.imu)
+    assert used == feed_arrays(whole, log.tracks, log.imu)
+    assert by_arrays.health.sensors["tracks"].rejected["duplicate stamp"] == 21
+    np.testing.assert_array_equal(by_arrays.state, whole.state)
+
+
 def test_marks_and_the_plain_engine_take_samples_one_by_one() -> None:
     log, plain = drive(duration=0.3), Settings(engine="plain")
     by_arrays, one_by_one = estimators("constant-online", plain)
