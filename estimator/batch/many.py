@@ -30,9 +30,10 @@ def run_many(
 ) -> list[Trajectory]:
     """Run a filter variant over logs with the same stamps, side by side.
 
-    This is hundreds of times as fast as `run`. Estimates are those of `run` and `PoseEstimator`, to
-    rounding. The logs are for example those of a Monte Carlo study: each has measurements of its own, at
-    stamps that are the same in all of them. Only track speeds may be missing in some.
+    With dozens of logs this is many times as fast as `run`. Estimates are those of `run` and
+    `PoseEstimator`, to rounding. The logs are for example those of a Monte Carlo study: each has
+    measurements of its own, at stamps that are the same in all of them. Only track speeds may be missing
+    in some.
 
     Args:
         logs: the measurements; their truth is not used.

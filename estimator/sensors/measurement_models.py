@@ -83,13 +83,15 @@ def checked(name: str, count: int, states: int, linearised: Any) -> Linearised:
         EstimatorError: they are no numbers, or not of `count` components and `states` states; the message
             has the `name` of the sensor.
     """
-    wanted, found = ((count,), (count, states), (count, count)), None
+    wanted, shapes = ((count,), (count, states), (count, count)), ""
     with suppress(TypeError, ValueError):
         z, H, R = (np.asarray(part, dtype=float) for part in linearised)
         found = z.shape, H.shape, R.shape
+        shapes = f", found {found}"
         if found == wanted:
-            return Linearised(z, H, R)
-    shapes = "" if found is None else f", found {found}"
+            if not (R.diagonal() < 0.0).any():
+                return Linearised(z, H, R)
+            shapes = f", and variances in R: found {R.tolist()}"
     raise EstimatorError(f"{name}: linearise must return z, H and R of shapes {wanted}{shapes}")
 
 

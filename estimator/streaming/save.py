@@ -107,6 +107,8 @@ def robot_constants(robot: Robot) -> dict[str, Any]:
 
 def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
     """Write a saved estimator, in one piece or not at all; `EstimatorError` if not."""
+    if path.is_dir():
+        raise EstimatorError(f"{path} is a folder; give the path of a file")
     if path.exists() and not (overwrite and path.is_file()):
         raise EstimatorError(f"{path} exists already; give overwrite=True to replace a file")
     content = msgspec.to_builtins(saved, enc_hook=_to_plain)

@@ -181,7 +181,7 @@ def test_a_saved_estimator_goes_on_with_it(tmp_path):
     unregister(GroundSpeed)
     try:
         with pytest.raises(
-            EstimatorError, match=r"not as icreckon writes it: no measurement: .'radar'"
+            EstimatorError, match=r"sensor 'radar' is not known here: register it before"
         ):
             PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
     finally:

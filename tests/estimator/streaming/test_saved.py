@@ -301,7 +301,7 @@ def test_nothing_is_replaced_unasked(half_way, saved, tmp_path):
     feed_all(half_way, MEASUREMENTS[HALF:])
     half_way.save(saved, overwrite=True)
     assert saved.read_bytes() != before
-    with pytest.raises(EstimatorError, match="exists already"):
+    with pytest.raises(EstimatorError, match="is a folder; give the path of a file"):
         half_way.save(tmp_path, overwrite=True)
     with pytest.raises(EstimatorError, match="cannot be written"):
         half_way.save(tmp_path / "no" / "folder.json")
