@@ -260,8 +260,8 @@ class Health:
         noise: noise of the gyro and of the accelerometers by name; empty without a filter.
         findings: faults that last, see `icreckon.FAULTS`.
         times: number of times that each fault of `icreckon.FAULTS` was found by its name; of fixes that
-            repeat or scatter, the number of those concerned. Silence, slip, rejections, wander, departures
-            and faults of your own are not counted.
+            repeat or scatter, the number of those concerned. Silence, slip, rejections, wander,
+            departures and faults of your own are not counted.
         slip_factor: slip that position fixes have shown, over that of the robot file; at least 1.
         wander: estimated wander of the position fixes; None if it is not estimated.
         tilt: tilt of the IMU beyond that of the robot file; None while it is not known.
