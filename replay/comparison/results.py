@@ -103,7 +103,7 @@ def summarise(
             "dropped": log.dropped,
             "holes_s": _in_seconds(holes, log.start),
             "moved_in_holes_m": _moved_in(holes, log.truth),
-            "notes": [*log.notes, *_findings(comparison)],
+            "notes": [*log.notes, *_findings(comparison, robot)],
             "start_ns": log.start,
             "origin": log.origin,
         },
@@ -145,7 +145,7 @@ def _in_seconds(spans: Sequence[Interval], start: int) -> list[list[float]]:
     return [[(begin - start) * NANOSECOND, (end - start) * NANOSECOND] for begin, end in spans]
 
 
-def _findings(comparison: Comparison) -> list[str]:
+def _findings(comparison: Comparison, robot: Robot) -> list[str]:
     """Notes on the sensors by the filters: fixes, IMU tilt."""
     runs, notes = comparison.runs, []
     healths = {name: runs[name].health for name in runs if not name.endswith(SMOOTHED)}
@@ -165,7 +165,9 @@ def _findings(comparison: Comparison) -> list[str]:
     correlations = filter(None, map(fix_correlation, comparison.runs.values()))
     least = min(correlations, default=0.0)
     # A filter that estimates the wander leaves a correlation if the stated sigma exceeds the white noise.
-    if least > CORRELATED and not wanders:
+    # Fixes of a truth, which the robot file lacks, do not wander.
+    are_own = "fixes" in {**robot.log, **robot.log.get("columns", {})}
+    if least > CORRELATED and not wanders and are_own:
         notes.append(
             f"successive innovations of the position fixes have a correlation of {least:.2f}, "
             "those of fixes with white errors have none: they wander, or come late; set wander_sigma and "
