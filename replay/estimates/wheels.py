@@ -39,6 +39,7 @@ TURN_WINDOW = 2.0  # time over which turning by tracks and gyro is compared [s]
 FEWEST_TURNS = 20  # such windows from which on the effective track has a standard error
 WHEEL_RADII = (0.01, 0.5)  # plausible ones [m]
 WIDEST, WIDEST_IN_RADII = 3.0, 12.0  # effective tracks [m], over the wheel radius [-]
+MOST_RADII = 30.0  # that of no wheels in rad/s, but in rpm [-]
 METRES = re.compile(r"(?i)m_?p_?s|m_s|m/s|[ck]?m\b|kmh")  # words of speeds over ground
 HEADING_ROUNDS = 3  # rounds in which the offset of a heading and the place of the robot agree
 COURSE_LENGTH, COURSE_TIME, CLEAR_COURSE = 0.5, 5.0, 0.8
@@ -328,7 +329,7 @@ def sides_of(wheels: Floats, turning: Floats) -> tuple[NDArray[np.bool_], NDArra
 def _unit_by_size(
     mapping: TopicMap, log: Log, vertical: Floats, notes: list[str]
 ) -> dict[str, Any]:
-    """Unit of track speeds that no name states: rad/s if m/s are implausible."""
+    """Unit of track speeds that no name states: rad/s or rpm if m/s are implausible."""
     tracks = mapping.track_keys
     if tracks is None or not tracks.left or tracks.unit != "m/s" or METRES.search(tracks.left[0]):
         return {}
@@ -346,8 +347,11 @@ def _unit_by_size(
         reason = f"in m/s the effective track would be {track:.2g} m"
     if not is_rate:
         return {}
-    notes.append(f"tracks: taken for rad/s: {reason}")
-    return {"unit": "rad/s"}
+    unit, in_radii = "rad/s", abs(found.track_ratio or 0.0)
+    if in_radii > MOST_RADII:
+        unit, reason = "rpm", f"in rad/s the effective track would be {in_radii:.0f} wheel radii"
+    notes.append(f"tracks: taken for {unit}: {reason}")
+    return {"unit": unit}
 
 
 def fast_turning(imu: ImuSeries) -> float:

@@ -11,6 +11,7 @@ from test_inspection import driven_log
 
 from conftest import inspected, sample_log, thorough
 from icreckon import Log, Scenario, compare, drift, inspect, read_log, simulate, write_log
+from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
 from icreckon.replay.checking.robot_check import check_robot, is_of_another
@@ -293,3 +294,17 @@ def test_half_the_counts_and_an_imu_that_stops_are_findings(tmp_path: Path) -> N
     ):
         write_log(broken, tmp_path / "log", "mcap", load_robot("auriga-alpha"), overwrite=True)
         assert said in "\n".join(inspect(tmp_path / "log").findings)
+
+
+def test_speeds_without_a_unit_are_rpm_where_no_wheels_in_radians_fit(tmp_path: Path) -> None:
+    robot = load_robot("auriga-alpha")
+    log = simulate(Scenario(duration=60.0, seed=2, fix_rate=0.0), robot)
+    for unit, size in (("rad/s", 1.0), ("rpm", 60.0 / (2.0 * np.pi))):
+        rates = size * log.tracks.speeds / robot.vehicle.sprocket_radius
+        poses = interpolate_poses(log.truth.poses, log.tracks.stamps)
+        yaw_rate = np.interp(log.tracks.stamps, log.imu.stamps, log.imu.angular_velocity[:, 2])
+        at = (log.tracks.stamps - log.start) * 1e-9
+        rows = np.column_stack([at, rates, poses, yaw_rate])
+        header = "t,left_front,right_front,truth_x,truth_y,truth_yaw,yaw_rate"
+        np.savetxt(tmp_path / "log.csv", rows, "%.6f", ",", header=header, comments="")
+        assert inspect(tmp_path / "log.csv").mapping.columns.tracks.unit == unit
