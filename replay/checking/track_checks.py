@@ -346,10 +346,14 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
             in_log += f"; counts from {least:.0%} on, {name} = {value:.3g} would fit"
         yield replace(check, in_log=in_log)
         return
-    text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{_guess(ratio, robot)}"
+    guess = _guess(ratio, robot)
+    text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{guess}"
+    if "truth" in guess and source == "truth":
+        yield check.contradicted(text, "convert the positions of the truth to metres")
+        return
     if source == "accelerometer":
         text = f"accelerations are {ratio:.3g}{error} times the changes of the track speeds"
-        text += f" (suspensions explain 1.2){_guess(ratio, robot)}"
+        text += f" (suspensions explain 1.2){guess}"
     remedy = f"{name} = {value:g} in [{table}]"
     corrected = with_speeds(lambda speeds: ratio * speeds)
     yield check.contradicted(text, remedy, corrected, {f"{table}.{name}": value})
