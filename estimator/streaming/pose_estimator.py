@@ -353,6 +353,7 @@ class PoseEstimator:
 
     def set_clock(self, by: int) -> None:
         """Go on by a clock that is ahead of the one so far [ns]; no time passes."""
+        by = as_stamp("clock", by)
         if self._history.has_begun:
             self._history.set_clock(by)
             self._arrivals.clock_steps += 1

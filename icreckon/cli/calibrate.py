@@ -1,6 +1,5 @@
 """`icreckon calibrate`: calibration of a robot from logs with a truth."""
 
-from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -90,7 +89,7 @@ def command(
     definitions = read_definitions(message_files)
     of_each = [log_files(path) or [path] for path in paths]
     parts = robot.log and are_parts(of_each, topic_map(robot).columns)
-    logs_of = [list(chain(*of_each))] if parts else of_each
+    logs_of = [paths] if parts else of_each
     with results_folder(out, f"icreckon-calibrate-{paths[0].stem}", overwrite=overwrite) as folder:
         logs = [_read(files, robot, definitions) for files in logs_of]
         with progress(f"calibrating {robot.name} from {len(logs)} log(s)") as report:
