@@ -113,11 +113,15 @@ def plain(cell: str) -> str:
 
 
 def _places(head: Sequence[str], of: Sequence[str]) -> list[int] | None:
-    """Places of the columns of a head within another that has them in this order; None if it does not."""
+    """Places of the columns of a head within another; None if it lacks one.
+
+    A page may have them in an order of its own if their names are unique.
+    """
     found, begin = [], 0
     for cell in head:
         if cell not in of[begin:]:
-            return None
+            is_unique = len({*of}) == len(of) and {*head} <= {*of}
+            return [of.index(one) for one in head] if is_unique else None
         found.append(of.index(cell, begin))
         begin = found[-1] + 1
     return found

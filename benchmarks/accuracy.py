@@ -127,13 +127,6 @@ def folds() -> list[Fold]:
     return found
 
 
-# Variants in the order of the columns: beside wheels and gyro the main one.
-ORDER = (
-    *("gyro", "inertia-online", "inertia-fixed", "constant-online", "constant-fixed"),
-    *("full-linear", "differential"),
-)
-
-
 @dataclass(frozen=True)
 class Score:
     """A filter on the scored part of a fold.
@@ -562,7 +555,7 @@ def main() -> None:
     parser = data_parser(__doc__)
     parser.add_argument("--write", type=Path, help="write the figures as the baseline")
     parser.add_argument("--check", type=Path, help="compare the figures with the baseline")
-    parser.add_argument("--variants", nargs="+", default=list(ORDER), choices=list(VARIANTS))
+    parser.add_argument("--variants", nargs="+", default=list(VARIANTS), choices=list(VARIANTS))
     parser.add_argument("--ablation", action="store_true", help="leave out one part at a time")
     arguments = parser.parse_args()
     jobs = [

@@ -49,16 +49,25 @@ def test_no_table_is_older_than_the_filter() -> None:
     assert not stale, "\n".join(stale)
 
 
+@pytest.mark.parametrize(
+    "output", [OUTPUT, OUTPUT.replace("| fault | variant |", "| variant | fault |")]
+)
 def test_a_table_is_replaced_from_the_output(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output: str
 ) -> None:
+    """Also where the page has the columns in an order of its own."""
+    if output != OUTPUT:
+        output = output.replace("| none | constant-online |", "| constant-online | none |")
+        output = output.replace("| none | gyro |", "| gyro | none |").replace(
+            "| all | gyro |", "| gyro | all |"
+        )
     page = tmp_path / "page.md"
     page.write_text(PAGE, encoding="utf-8")
     monkeypatch.setattr("_tables.ROOT", tmp_path)
     (table,) = tables(page)
     assert (table.command, table.of) == (COMMAND, "00000000")
     assert table.is_stale
-    put(table, renewed(table, OUTPUT))
+    put(table, renewed(table, output))
     (after,) = tables(page)
     assert after.rows == (("none", "`gyro`", "0.15"), ("none", "`constant-online`", "0.25"))
     assert after.of == current(COMMAND)
