@@ -218,18 +218,15 @@ def on_one_clock(mapping: TopicMap, read: Callable[[TopicMap, str], Log]) -> Top
         return mapping
     keys = fit.keys(columns.tracks)
     changed: dict[str, Any] = {"tracks": structs.replace(columns.tracks, **keys)}
+    spans = tracks.stamps, of_imu.imu.stamps
     for purpose in ("fixes", "truth"):
         other = getattr(columns, purpose)
         if other is not None and not other.clock_offset:
             log = read(mapping, purpose)
             poses = log.truth.poses if log.truth is not None else log.fixes
-            if (
-                poses is not None
-                and _share_time(poses.stamps, tracks.stamps)
-                and not _share_time(poses.stamps, of_imu.imu.stamps)
-            ):
-                offset = keys["clock_offset"]
-                changed[purpose] = structs.replace(other, clock_offset=offset)
+            shared = [poses is not None and _share_time(poses.stamps, span) for span in spans]
+            if shared == [True, False]:
+                changed[purpose] = structs.replace(other, clock_offset=keys["clock_offset"])
     return structs.replace(mapping, columns=structs.replace(columns, **changed))
 
 
