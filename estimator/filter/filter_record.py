@@ -42,8 +42,7 @@ class FixesRecord(msgspec.Struct):
     scatter: ScatterRecord = msgspec.field(default_factory=ScatterRecord)
 
 
-# Share of the fastest track speed below which tracks that fall silent may have stopped [-].
-SLOW = 0.05
+SLOW = 0.05  # share of the fastest track speed below which silent tracks may have stopped [-]
 
 
 class FilterRecord(msgspec.Struct):
