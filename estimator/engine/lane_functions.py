@@ -15,8 +15,8 @@ from icreckon.estimator.faults.scattering_fixes import TakenFix
 from icreckon.estimator.filter.fault_table import put_faults
 from icreckon.estimator.filter.filter_record import (
     ends_step,
-    is_silent,
     may_be_pushed,
+    take_silence,
     take_track_sample,
     take_track_speeds,
 )
@@ -90,7 +90,7 @@ def sample_inputs(
     slow = 1.0 if may_be_pushed(record) else 0.0
     measure_noise(record.noise, stamp, rate, force_x, force_y, settings.hold)
     spread = measured_noise(record.noise.gyro)
-    silent = is_silent(record, stamp)
+    silent = take_silence(record, stamp)
     mean = quiet_mean(record.still, stamps, rates, stamp, rate, spread, silent, settings)
     record.stands = 1 if mean == mean else 0
     fill_tracks(record, inputs, lane, stamp)

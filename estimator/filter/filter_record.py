@@ -30,6 +30,8 @@ DEPARTURE = tuple(
 )
 # Fields of the newest position fixes that were used and stated variances alike.
 ALIKE_FIXES = ("alike_variance", "alike_count")
+# Share of the fastest track speed below which tracks that fall silent may have stopped [-].
+SLOW_AT_SILENCE = 0.05
 Factor = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)]  # factor on the slip
 
 
@@ -40,9 +42,6 @@ class FixesRecord(msgspec.Struct):
     # those that were rejected since one was used, and the scatter of the fixes
     rejected: RejectedRecord = msgspec.field(default_factory=RejectedRecord)
     scatter: ScatterRecord = msgspec.field(default_factory=ScatterRecord)
-
-
-SLOW = 0.05  # share of the fastest track speed below which silent tracks may have stopped [-]
 
 
 class FilterRecord(msgspec.Struct):
@@ -92,16 +91,16 @@ def take_track_speeds(record: FilterRecord, stamp: int, left: float, right: floa
     count_distance(held, record.stamp, before, left_before, right_before, settings.hold_ns)
 
 
-def is_silent(record: FilterRecord, stamp: int) -> bool:
+def take_silence(record: FilterRecord, stamp: int) -> bool:
     """Return True if track speeds are stale at an IMU sample's stamp [ns].
 
-    Some drivers send nothing at rest: a robot that was slow then begins to rest.
+    Some drivers send nothing at rest: where the robot was slow, this begins a rest in the record.
     """
     held, settings = record.tracks, record.settings
     if stamp - held.stamp <= settings.hold_ns:
         return False
     is_new = record.stamp - held.stamp <= settings.hold_ns
-    if is_new and max(abs(held.left), abs(held.right)) < SLOW * settings.fastest:
+    if is_new and max(abs(held.left), abs(held.right)) < SLOW_AT_SILENCE * settings.fastest:
         stopped_after(record.still, stamp, 0.0, 0.0, settings.track_speed)
     return True
 

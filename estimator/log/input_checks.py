@@ -170,9 +170,10 @@ def event_of(row: tuple[Any, ...]) -> Event:
         EstimatorError: it is not such a row.
     """
     kinds: dict[str, Any] = {stream: kind for kind, stream in STREAMS.items()} | {MARK: Mark}
-    kind = kinds.get(row[0]) if row and isinstance(row[0], str) else None
-    if kind is None and row and isinstance(row[0], str):
-        raise EstimatorError(f"sensor {row[0]!r} is not known here: register it before")
+    name = row[0] if row and isinstance(row[0], str) else ""
+    kind = kinds.get(name)
+    if kind is None and name:
+        raise EstimatorError(f"sensor {name!r} is not known here: register it before")
     # A row has all fields, those with a default included.
     if kind is not None and len(row) == (2 if kind is Mark else 2 + len(_fields(kind))):
         with suppress(TypeError):

@@ -14,8 +14,8 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.filter.filter_record import (
     FilterRecord,
-    is_silent,
     may_be_pushed,
+    take_silence,
     take_track_speeds,
 )
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, LONGEST_COUNTED
@@ -124,7 +124,7 @@ class ReferenceFilter:
         tilt_density = add_rates(record.tilt, record.imu.interval, rate, *tilt_rates.tolist())
         measure_noise(record.noise, m.stamp, rate, along[0], along[1], self._settings.hold)
         spread, still = measured_noise(record.noise.gyro), record.still
-        silent = is_silent(record, m.stamp)
+        silent = take_silence(record, m.stamp)
         mean = self._readings.mean(still, m.stamp, rate, spread, silent, record.settings)
         noise, record.stands = noise_of_step(record.noise, still, record.settings), mean == mean
         # Predict the twist of the step: a new fast slip, and smoothed derivatives by the parameters.

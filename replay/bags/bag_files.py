@@ -251,7 +251,9 @@ def _unpack_files(packed: list[Path], folder: Path) -> tuple[list[Path], list[st
             if not unpack_file(file, target, bytes_left):
                 notes.append(f"{file.name}: cut short or damaged; what could be unpacked was read")
         except (ReplayError, OSError) as problem:
-            reason = getattr(problem, "strerror", None) or f"{problem}, half of what is free"
+            reason = f"{problem}, half of what is free"
+            if isinstance(problem, OSError):
+                reason = str(problem.strerror)
             raise ReplayError(
                 f"{file}: cannot be unpacked to {folder.parent}: {reason}; TMPDIR names another place"
             ) from None

@@ -62,11 +62,11 @@ RADIUS_ERRORS = (
     (0.5, "is the radius a diameter?"),
     (2.0, "is the radius half of what it should be?"),
 )
+TRUTH_ERRORS = ((1000.0, "is the truth in mm?"), (100.0, "is the truth in cm?"))
 UNIT_ERRORS = (
     (0.001, "is a length or a speed in mm?"),
     (0.01, "is a length or a speed in cm?"),
-    (1000.0, "is the truth in mm?"),
-    (100.0, "is the truth in cm?"),
+    *TRUTH_ERRORS,
     (1.0 / 3.6, "are the speeds in km/h?"),
     (0.44704, "are the speeds in mph?"),
     (2.0 * math.pi, "are the rates in turns per second?"),
@@ -348,7 +348,7 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
         return
     guess = _guess(ratio, robot)
     text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{guess}"
-    if "truth" in guess and source == "truth":
+    if source == "truth" and guess.removeprefix(": ") in dict(TRUTH_ERRORS).values():
         yield check.contradicted(text, "convert the positions of the truth to metres")
         return
     if source == "accelerometer":

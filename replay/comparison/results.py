@@ -31,6 +31,7 @@ from icreckon.replay.comparison.holes import holes_of, scored_parts
 from icreckon.replay.comparison.plot_series import series_of
 from icreckon.replay.comparison.scores import differences, noise_drifts, scores
 from icreckon.replay.comparison.truth_alignment import far_fixes_note
+from icreckon.replay.mapping.topics import topic_map
 
 FORMAT = 1
 ENOUGH_FIXES = 30  # number of fixes that show a correlation of successive innovations
@@ -166,7 +167,7 @@ def _findings(comparison: Comparison, robot: Robot) -> list[str]:
     least = min(correlations, default=0.0)
     # A filter that estimates the wander leaves a correlation if the stated sigma exceeds the white noise.
     # Fixes of a truth, which the robot file lacks, do not wander.
-    are_own = "fixes" in {**robot.log, **robot.log.get("columns", {})}
+    are_own = topic_map(robot).keys_of("fixes") is not None
     if least > CORRELATED and not wanders and are_own:
         notes.append(
             f"successive innovations of the position fixes have a correlation of {least:.2f}, "

@@ -162,18 +162,17 @@ def rate_about(upward: Floats, rates: Floats, gyro_axes: str) -> Floats:
 
 
 def stops(tracks: TrackSpeedSeries) -> list[tuple[int, int]]:
-    """First and last stamp [ns] of each stop of both tracks, in no order."""
-    # At least two consecutive samples of about zero; or a gap between slow ones, of a driver that sends
-    # nothing at rest.
+    """First and last stamp [ns] of each stop of both tracks."""
     if not len(tracks.stamps):
         return []
     speed = np.abs(tracks.speeds).max(axis=1)
     fast = np.percentile(speed, 99)
-    is_slow = speed <= SLOW_AT_GAP * fast
-    is_gap = (np.diff(tracks.stamps) * NANOSECOND > LEAST_GAP) & is_slow[:-1] & is_slow[1:]
-    gaps = ((row, row + 1) for row in np.flatnonzero(is_gap))
-    runs = (*true_runs(speed <= STILL_SPEED * fast), *gaps)
-    return [(int(tracks.stamps[first]), int(tracks.stamps[last])) for first, last in runs]
+    is_still, is_slow = speed <= STILL_SPEED * fast, speed <= SLOW_AT_GAP * fast
+    # From one sample to the next: both about zero, or both slow with a gap between them, of a driver that
+    # sends nothing at rest.
+    is_gap = np.diff(tracks.stamps) * NANOSECOND > LEAST_GAP
+    rests = (is_still[:-1] & is_still[1:]) | (is_gap & is_slow[:-1] & is_slow[1:])
+    return [(int(tracks.stamps[k]), int(tracks.stamps[m + 1])) for k, m in true_runs(rests)]
 
 
 def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -167,11 +167,8 @@ def _distance_ratio(
 
 def standstills(log: Log) -> list[tuple[float, float]]:
     """Standstills of a second or more: (start, end) since the log's start [s]."""
-    found = sorted(imu_mounting.stops(log.tracks))
-    times = (
-        ((start - log.start) * NANOSECOND, (end - log.start) * NANOSECOND) for start, end in found
-    )
-    return [(start, end) for start, end in times if end - start >= 1.0]
+    times = (np.array(imu_mounting.stops(log.tracks)).reshape(-1, 2) - log.start) * NANOSECOND
+    return [(start, end) for start, end in times.tolist() if end - start >= 1.0]
 
 
 def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[str]:

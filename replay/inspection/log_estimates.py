@@ -42,6 +42,7 @@ from icreckon.replay.inspection.static_frames import Mount, with_static_yaw
 from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
 from icreckon.replay.reading.gather import Gathered, gather
+from icreckon.replay.reading.stamps import true_runs
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
 UNUSED = ("latency", "gauge")  # keys that an inspection ignores and estimates
@@ -210,7 +211,7 @@ def _measured(estimates: LogEstimates, log: Log) -> LogEstimates:
     stuck = _stuck_sides(aligned, vertical, found.track_ratio)
     sound = aligned
     if stuck and wheel_rate is not None:
-        sound = _longest_without(aligned, stuck)
+        sound = longest_without(aligned, stuck)
         _, wheel_rate = _mounting_and_vertical(sound, estimates.imu_mount)
         found = wheels.wheel_estimates(sound, wheel_rate, correlation)
     measured = replace(
@@ -236,13 +237,13 @@ def _stuck_sides(log: Log, vertical: Floats | None, track: float | None) -> list
     return stuck_sides(log.tracks, turning)
 
 
-def _longest_without(log: Log, stuck: Sequence[StuckSide]) -> Log:
-    """Longest part of a log in which no side is stuck."""
-    stamps = log.tracks.stamps
-    bad = sorted((rows.start, rows.stop) for side in stuck for rows in side.spans)
-    edges = [0, *(row for span in bad for row in span), len(stamps)]
-    begin, end = max(zip(edges[::2], edges[1::2], strict=True), key=lambda part: part[1] - part[0])
-    return log.between(int(stamps[begin]), int(stamps[end - 1]))
+def longest_without(log: Log, stuck: Sequence[StuckSide]) -> Log:
+    """Longest part of a log in which no side is stuck; the log if there is none."""
+    is_sound = np.ones(len(log.tracks.stamps), dtype=bool)
+    for rows in (rows for side in stuck for rows in side.spans):
+        is_sound[rows] = False
+    runs = log.tracks.stamps[true_runs(is_sound)]
+    return log.between(*max(runs.tolist(), key=lambda run: run[1] - run[0])) if len(runs) else log
 
 
 def _mounting_and_vertical(

@@ -293,9 +293,12 @@ def test_what_is_not_finite_is_rejected(broken: BrokenRadar, part: int):
         (0.5, np.zeros((1, s.SIZE)), np.eye(1)),
         (np.zeros(1), np.zeros(s.SIZE), np.eye(1)),
         (np.zeros(1), np.zeros((1, s.SIZE)), 1e-4),
+        (np.zeros(1), np.zeros((1, s.SIZE)), -np.eye(1)),
     ],
 )
-def test_other_shapes_are_refused_by_the_sensors_name(broken: BrokenRadar, breaks: object):
+def test_other_shapes_and_negative_variances_are_refused_by_the_sensors_name(
+    broken: BrokenRadar, breaks: object
+):
     broken.breaks = breaks
     estimator = fed(drive())
     with pytest.raises(EstimatorError, match="radar: linearise must return z, H and R of shapes"):

@@ -322,6 +322,8 @@ def test_a_stuck_side_is_named_alone_and_replaced_by_the_gyro(log, side, name, s
     found = problems(dead, ALPHA)
     assert list(found) == ["sides"]
     assert f"the {name} side repeats one reading" in found["sides"]
+    skipped = {one.name for one in check_robot(dead, ALPHA) if one.in_log.startswith("not checked")}
+    assert skipped == {TURNING, LATENCY, TRACK}
     mended, _ = corrected(dead, ALPHA)
     error = (mended.tracks.speeds - log.tracks.speeds).std()
     assert error < 0.2 * (dead.tracks.speeds - log.tracks.speeds).std()
@@ -386,6 +388,15 @@ def test_a_right_file_is_left_in_peace(trajectory: str, imu: dict, rates: dict):
     log = simulate(scenario, robot)
     assert problems(log, robot) == {}
     assert problems(replace(log, truth=None, fixes=None), robot) == {}
+
+
+def test_a_truth_in_millimetres_is_to_be_converted_and_the_radius_stays(log: Log) -> None:
+    poses = replace(log.truth.poses, poses=log.truth.poses.poses * (1000.0, 1000.0, 1.0))
+    found = check_robot(replace(log, truth=replace(log.truth, poses=poses)), ALPHA)
+    (wrong,) = (one for one in found if one.problem)
+    assert "is the truth in mm?" in wrong.problem
+    assert wrong.remedy == "convert the positions of the truth to metres"
+    assert not wrong.settings
 
 
 @pytest.mark.parametrize(

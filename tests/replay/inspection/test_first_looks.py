@@ -11,6 +11,7 @@ from test_inspection import driven_log
 
 from conftest import inspected, sample_log, thorough
 from icreckon import Log, Scenario, compare, drift, inspect, read_log, simulate, write_log
+from icreckon.estimator.log.failed_sensors import StuckSide
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
@@ -18,7 +19,7 @@ from icreckon.replay.checking.robot_check import check_robot, is_of_another
 from icreckon.replay.estimates import wheels
 from icreckon.replay.estimates.imu_mounting import estimate_mounting, vertical_rate
 from icreckon.replay.inspection.findings import unit_suspicions
-from icreckon.replay.inspection.log_estimates import NO_SIZES, LogEstimates
+from icreckon.replay.inspection.log_estimates import NO_SIZES, LogEstimates, longest_without
 from icreckon.replay.mapping.topics import TopicMap, TrackTopic
 
 RADIUS, TRACK = 0.2, 0.6
@@ -308,3 +309,32 @@ def test_speeds_without_a_unit_are_rpm_where_no_wheels_in_radians_fit(tmp_path: 
         header = "t,left_front,right_front,truth_x,truth_y,truth_yaw,yaw_rate"
         np.savetxt(tmp_path / "log.csv", rows, "%.6f", ",", header=header, comments="")
         assert inspect(tmp_path / "log.csv").mapping.columns.tracks.unit == unit
+
+
+@pytest.mark.parametrize(
+    ("names", "left", "left_out"),
+    [
+        ("VL [rpm];HL [rpm];VR [rpm];HR [rpm]", ("VL [rpm]", "HL [rpm]"), ""),
+        ("rpm_l;rpm_r;rpm_x1;rpm_x2", ("rpm_l",), "tracks: rpm_x1, rpm_x2 not used"),
+        ("v_l;v_r;pos_x_mm;pos_y_mm", ("v_l",), "positions not used: pos_x_mm, pos_y_mm"),
+    ],
+)
+def test_columns_that_are_left_out_are_named(tmp_path: Path, names, left, left_out) -> None:
+    times = np.arange(0.0, 20.0, 0.05)
+    rows = np.column_stack([times, *(np.sin(0.3 * times + k) for k in range(4))])
+    np.savetxt(tmp_path / "log.csv", rows, "%.5f", ";", header=f"t;{names}", comments="")
+    found = inspect(tmp_path / "log.csv")
+    assert found.mapping.columns.tracks.left == left
+    named = [text for text in found.findings if "not used" in text]
+    assert len(named) == bool(left_out)
+    assert all(text.startswith(left_out) for text in named)
+
+
+def test_stops_are_found_once_and_the_longest_part_without_a_stuck_side() -> None:
+    stamps = 10**9 * np.array([0, 1, 2, 3, 33, 34, 35, 36])
+    speeds = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0])
+    tracks = TrackSpeedSeries(stamps, np.column_stack([speeds, speeds]))
+    log = Log("paused", tracks, None, None)
+    assert wheels.standstills(log) == [(2.0, 34.0)]
+    stuck = [StuckSide(0, (slice(1, 5),), ""), StuckSide(1, (slice(2, 3),), "")]
+    assert longest_without(log, stuck).tracks.stamps.tolist() == stamps[5:].tolist()
