@@ -86,6 +86,8 @@ class Tilting(NamedTuple):
     roll_rate: Real = 0.0  # without bias [rad/s]; 0 if it is not known
     pitch_rate: Real = 0.0  # without bias [rad/s]; 0 if it is not known
     is_known: Truth = False  # True if the rates are known
+    # pitch by a random change of gravity's forward component [rad s²/m]; 0 if the rates are known
+    pitch_by_walk: Real = 0.0
 
 
 class Climb(NamedTuple):
@@ -161,10 +163,11 @@ def twist_model(
 def tilting(x: Any, roll_rate: Real, pitch_rate: Real) -> Tilting:
     """Compute the turning of a tilted body; rates that are not known are NaN."""
     is_known = roll_rate == roll_rate  # not NaN
-    down = select(is_known, downward_gravity((x[s.GRAVITY_X], x[s.GRAVITY_Y])), 0.0)
+    downward = downward_gravity((x[s.GRAVITY_X], x[s.GRAVITY_Y]))
+    down, by_walk = select(is_known, downward, 0.0), select(is_known, 0.0, 1.0 / downward)
     roll = select(is_known, roll_rate - x[s.GYRO_BIAS_X], 0.0)
     pitch = select(is_known, pitch_rate - x[s.GYRO_BIAS_Y], 0.0)
-    return Tilting(down, roll, pitch, is_known)
+    return Tilting(down, roll, pitch, is_known, by_walk)
 
 
 def climb(now: TracedTwist, gravity: Any) -> Climb:

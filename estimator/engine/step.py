@@ -66,6 +66,7 @@ class MovedPose(NamedTuple):
     by_slip: Sequence[Sequence[Real]]  # (k, 3) their derivatives by the slip, over the time step
     rows: Sequence[Vector]  # (k,) derivatives of twist and climb by the states
     climb: model.Climb | None  # climb; None without a height
+    yaw_by_pitch: Real  # yaw rate over pitch rate
 
 
 def step_kernel(
@@ -361,15 +362,15 @@ class Step:
         """Move by a body velocity along the sloping ground, seen from above."""
         x, dt = self.lane.x, self.lane.constant("dt")
         slope = x[s.GRAVITY_X], x[s.GRAVITY_Y]
-        by_twist, yaw_rate = model.horizontal_projection(tilt.pitch_rate, slope)
+        by_twist, yaw_by_pitch = model.horizontal_projection(slope)
         twist = [
             sum(by * part for by, part in zip(row, now.twist, strict=True)) for row in by_twist
         ]
-        twist[s.YAW] = twist[s.YAW] + yaw_rate
+        twist[s.YAW] = twist[s.YAW] + yaw_by_pitch * tilt.pitch_rate
         step, by_yaw, by_pose = model.step_on_se2(x[s.YAW], [part * dt for part in twist])
         M, yaws = _product(by_pose, by_twist), [*by_yaw, 0.0]
         if s.Z not in self.lane.shape.states:
-            return MovedPose(step, yaws, M, M, now.rows, None)
+            return MovedPose(step, yaws, M, M, now.rows, None, yaw_by_pitch)
         climb = model.climb(now, slope)
         return MovedPose(
             step=[*step, climb.rate * dt],
@@ -378,6 +379,7 @@ class Step:
             by_slip=[*M, [*climb.by_twist, 0.0]],
             rows=[*now.rows, climb.times(now.rows, {i: {i: 1.0} for i in GRAVITY})],
             climb=climb,
+            yaw_by_pitch=yaw_by_pitch,
         )
 
     def _process_noise(
@@ -391,6 +393,11 @@ class Step:
         noise = _noise_of_pose(move.rows, move.M, move.by_slip, walk, fading, fades, dt)
         noise[s.YAW, s.YAW] = noise[s.YAW, s.YAW] + lane.input("turn_density") * dt
         own = {i: walk.get(i, 0.0) * dt for i in lane.P.states}
+        if s.GRAVITY_X in own:
+            by_walk = move.yaw_by_pitch * tilt.pitch_by_walk
+            turned = by_walk * own[s.GRAVITY_X]
+            noise[s.YAW, s.GRAVITY_X] = noise[s.YAW, s.GRAVITY_X] + turned
+            noise[s.YAW, s.YAW] = noise[s.YAW, s.YAW] + by_walk * turned
         for axis, fade in enumerate(fades):
             own[s.SLIP.start + axis] = sigma[axis] * sigma[axis] * fade.final
         return noise, own

@@ -73,16 +73,16 @@ def downward_gravity(gravity: Any) -> float:
     return math.sqrt(max(GRAVITY * GRAVITY - along, LEAST_DOWN))
 
 
-def horizontal_projection(pitch_rate: float, gravity: Any) -> tuple[Any, float]:
+def horizontal_projection(gravity: Any) -> tuple[Any, float]:
     """Factors from a body velocity to its projection onto the horizontal.
 
     The heading is the direction of the body's projected x axis. The yaw rate is the kinematics of Euler
-    angles (Titterton and Weston, Strapdown Inertial Navigation Technology, section 3.6). The pitch rate
-    is in rad/s, gravity along the ground forward and left in m/s².
+    angles (Titterton and Weston, Strapdown Inertial Navigation Technology, section 3.6). Gravity along
+    the ground is forward and left, in m/s².
 
     Returns:
         Matrix (3, 3) from velocity forward, left and rate about the body's z axis to velocity along the
-        heading, to the left of it, and yaw rate; and the yaw rate by the pitch rate [rad/s].
+        heading, to the left of it, and yaw rate; and the factor from the pitch rate to the yaw rate.
     """
     # Upward direction in the axes of the body; the x axis has the horizontal length cos(pitch).
     (up_x, up_y), up_z = upward(gravity), downward_gravity(gravity) / GRAVITY
@@ -90,7 +90,7 @@ def horizontal_projection(pitch_rate: float, gravity: Any) -> tuple[Any, float]:
     cos_pitch = math.sqrt(square)
     along_heading = (cos_pitch, -up_x * up_y / cos_pitch, 0.0)
     projection = (along_heading, (0.0, up_z / cos_pitch, 0.0), (0.0, 0.0, up_z / square))
-    return projection, up_y / square * pitch_rate
+    return projection, up_y / square
 
 
 def upward(gravity: Any) -> tuple[Any, Any]:

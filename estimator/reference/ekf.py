@@ -190,13 +190,15 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             )
         biases, down = self.x[[s.GYRO_BIAS_X, s.GYRO_BIAS_Y]], downward_gravity(gravity)
         roll_rate, pitch_rate = (np.array(tilt_rates) - biases).tolist()
-        known = not math.isnan(roll_rate)
-        if not known:
+        factors, yaw_by_pitch = horizontal_projection(gravity)
+        kept, yaw_by_walk = 1.0, 0.0
+        if math.isnan(roll_rate):
+            # Gravity along the ground fades and walks: the body pitches without being measured.
+            kept, yaw_by_walk = math.exp(-noise.forgetting * dt), yaw_by_pitch / down
             roll_rate = pitch_rate = down = 0.0
-        factors, yaw_rate = horizontal_projection(pitch_rate, gravity)
         by_twist = np.array(factors)
         moved = by_twist.dot(model.twist) * dt
-        moved[s.YAW] += yaw_rate * dt
+        moved[s.YAW] += yaw_by_pitch * pitch_rate * dt
         step, by_yaw, rows = step_on_se2(self.x.item(s.YAW), moved.tolist())
         up, moving = upward(gravity), model.twist[:2]
         by_motion = np.vstack([np.array(rows).dot(by_twist), [*up, 0.0]])
@@ -207,7 +209,6 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         F[s.POSITION, s.YAW] += by_yaw
         F[s.SLIP, s.SLIP] = np.diag(decay)
         cos, sin = turn(model.twist.item(2) * dt)
-        kept = 1.0 if known else math.exp(-noise.forgetting * dt)
         back = kept * np.array([[cos, sin], [-sin, cos]])
         F[s.GRAVITY, s.GRAVITY] = back
         F[s.GRAVITY_X, s.GYRO_BIAS_Y], F[s.GRAVITY_Y, s.GYRO_BIAS_X] = -down * dt, down * dt
@@ -225,6 +226,10 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         Q[s.MOVED, s.MOVED] = walked.dot(by_state.T) * (dt**3 / 3.0)
         Q[s.MOVED, s.MOVED] += (slipped * integral).dot(by_motion.T)
         Q += np.diag(walk * dt)
+        turned = yaw_by_walk * walk[s.GRAVITY_X] * dt
+        Q[s.YAW, s.GRAVITY_X] += turned
+        Q[s.GRAVITY_X, s.YAW] += turned
+        Q[s.YAW, s.YAW] += yaw_by_walk * turned
         Q[s.SLIP, s.SLIP] += np.diag(slip * final)
 
         x = self.x.copy()

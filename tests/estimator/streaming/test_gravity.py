@@ -182,6 +182,26 @@ def test_roll_and_pitch_rates_turn_gravity(
     assert estimator.pose[0] == pytest.approx(along, abs=0.02)
 
 
+@pytest.mark.parametrize("axes", ["z", "xyz"])
+def test_a_yaw_gyro_alone_misses_the_pitch_of_a_robot_that_leans(axes: str) -> None:
+    """Yaw rate is pitch rate times up_y / (up_y² + up_z²), and gravity's random walk is pitch."""
+    variances, by_walk = [], 0.0
+    for walk in (0.0, 0.6):
+        changes = {"imu.gyro_axes": axes, "slope.sigma": 1.7, "slope.walk": walk}
+        estimator = PoseEstimator(changed_robot(ALPHA, changes), "inertia-online")
+        by_walk = 0.0
+        for k in range(2000):
+            estimator.feed(TrackSpeeds(EPOCH + k * 10_000_000, 0.4, 0.4))
+            force = 9.81 * np.array((0.0, np.sin(0.17), np.cos(0.17)))
+            estimator.feed(ImuSample(EPOCH + k * 10_000_000, (0.0, 0.0, 0.0), tuple(force)))
+            up_x, up_y = estimator.state[s.GRAVITY] / -9.81
+            factor = up_y / (1.0 - up_x**2) / np.sqrt(1.0 - up_x**2 - up_y**2) / 9.81
+            by_walk += 0.004 * (walk * factor) ** 2  # of 4 mm of travel
+        variances.append(estimator.pose_covariance[2, 2])
+    missed = by_walk if axes == "z" else 0.0
+    assert variances[1] - variances[0] == pytest.approx(missed, rel=0.03, abs=1e-6)
+
+
 def test_biases_of_roll_and_pitch_rate_are_learnt() -> None:
     """On rolling ground; so they change the slope little."""
     log = simulate(Scenario(duration=60.0, seed=3, terrain=Terrain(rolling_deg=8.0)), ALPHA)
