@@ -17,8 +17,10 @@ from icreckon.estimator.base.records import NEVER, Count, Interval, Size, Stamp
 
 # Time over which a difference of velocity is forgotten, and over which gravity is averaged [s].
 FORGETTING, GRAVITY_AVERAGING = 0.3, 2.0
+# Time over which speeds and forces are averaged [s]: stamps that jitter falsify speeds, not distances.
+AVERAGING = 0.05
 # Difference that is a slide: this [m/s], or this multiple of the robot's own root mean square.
-LEAST_SPEED, SIGMAS = 0.7, 8.0
+LEAST_SPEED, SIGMAS = 0.6, 8.0
 # The robot's own root mean square before it is known [m/s], the time for which this counts, and the
 # longest over which it is averaged [s].
 RMS_AT_START, TIME_AT_START, RMS_AVERAGING = 0.2, 2.0, 20.0
@@ -34,6 +36,7 @@ class SlideRecord(msgspec.Struct):
 
     stamp: Stamp = NEVER  # stamp of the newest sample of the IMU [ns], or NEVER
     tracks: float = 0.0  # velocity by the tracks at that sample [m/s]
+    force: float = 0.0  # averaged specific force [m/s²]
     mean: float = 0.0  # averaged difference of the accelerations, mostly gravity [m/s²]
     difference: float = 0.0  # recent change of velocity by accelerometer less tracks [m/s]
     square: Size = RMS_AT_START * RMS_AT_START  # averaged square of the difference [m²/s²]
@@ -51,7 +54,8 @@ def slides(slide: SlideRecord) -> bool:
 def watch_slide(slide: SlideRecord, stamp: int, force: float, tracks: float) -> None:
     """Add an IMU sample [ns], and decide whether the robot slides.
 
-    The specific force [m/s²], NaN if unknown, and the track speed [m/s] are forward.
+    The specific force [m/s²], NaN if unknown, is forward. So is the speed of the tracks [m/s], which is
+    averaged over `AVERAGING`.
     """
     if force != force:  # NaN
         return
@@ -59,12 +63,13 @@ def watch_slide(slide: SlideRecord, stamp: int, force: float, tracks: float) -> 
     change = tracks - slide.tracks
     slide.stamp, slide.tracks = stamp, tracks
     if dt == 0.0:
-        slide.mean = force
+        slide.mean = slide.force = force
+    slide.force += min(1.0, dt / AVERAGING) * (force - slide.force)
     if not 0.0 < dt < LONGEST_INTERVAL:
         slide.difference = 0.0
         return
     # Change of velocity by the accelerometer less that by the tracks.
-    difference = force * dt - change
+    difference = slide.force * dt - change
     slide.difference += difference - slide.mean * dt - min(1.0, dt / FORGETTING) * slide.difference
     slide.mean += (difference - slide.mean * dt) / GRAVITY_AVERAGING
     limit = max(LEAST_SPEED, SIGMAS * math.sqrt(slide.square))

@@ -11,7 +11,7 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER, Count, Interval, Size, Stamp
 from icreckon.estimator.faults.failed_gyro import GyroRecord, watch_gyro
 from icreckon.estimator.faults.odd_wheels import WheelsRecord
-from icreckon.estimator.faults.sliding_robot import SlideRecord, watch_slide
+from icreckon.estimator.faults.sliding_robot import AVERAGING, SlideRecord, watch_slide
 from icreckon.estimator.faults.spinning_tracks import (
     LEFT,
     RIGHT,
@@ -57,6 +57,7 @@ class TrackRecord(msgspec.Struct):
     acceleration_right: float = 0.0  # averaged acceleration of the right track [m/s²]
     smooth_left: float = 0.0  # smoothed speed of the left track [m/s]
     smooth_right: float = 0.0  # smoothed speed of the right track [m/s]
+    mean: float = 0.0  # mean speed of both, averaged over `sliding_robot.AVERAGING` [m/s]
     # records of readings that repeat themselves, and of the wheels of each side
     repeating_left: Repeating = msgspec.field(default_factory=Repeating)
     repeating_right: Repeating = msgspec.field(default_factory=Repeating)
@@ -107,11 +108,12 @@ def take_tracks(
     change = right - left - (spin.right - spin.left)
     spin.left, spin.right = left, right
     left, right = assumed_speeds(spin, stamp, left, right)
-    hold, weight = settings.hold, 1.0
+    hold, weight, short_weight = settings.hold, 1.0, 1.0
     interval = (stamp - held.stamp) * NANOSECOND
     if interval <= hold:
         held.interval = interval
         weight = smoothing_share(interval, SMOOTHING)
+        short_weight = smoothing_share(interval, AVERAGING)
         # Averaged changes over the time between samples.
         rate = min(1.0, interval / ACCELERATION_AVERAGING) / interval
         a_l, a_r = held.acceleration_left, held.acceleration_right
@@ -124,6 +126,7 @@ def take_tracks(
     measure_track_noise(held, change, interval, rests)
     held.smooth_left += weight * (left - held.smooth_left)
     held.smooth_right += weight * (right - held.smooth_right)
+    held.mean += short_weight * (0.5 * (left + right) - held.mean)
     held.stamp, held.left, held.right = stamp, left, right
     # Frozen: both sensors repeat one reading at the same time.
     held.stuck += left_sticks + right_sticks + 2 * newly_frozen
@@ -178,7 +181,7 @@ def take_motion(
     rate = watch_gyro(held.gyro, stamp, rate, reading, turning, width, turning_before, *limits)
     if rate != rate or stamp - held.stamp > settings.hold_ns:
         return rate
-    watch_slide(held.forward, stamp, force_x, 0.5 * (held.left + held.right))
+    watch_slide(held.forward, stamp, force_x, held.mean)
     # A sensor that repeats itself while the other track changes, or both, may be stuck: that is no spin.
     repeating = held.repeating_left, held.repeating_right
     left_zero, right_zero = reads_zero(repeating[0]), reads_zero(repeating[1])

@@ -374,6 +374,9 @@ class Reckoning:
         elif model.standing and ahead:
             # The fast slip of the last step is over.
             ekf.renew_fast_slip(predicted.R)
+        if model.standing and used and is_hole(self._tracks, m.stamp, self._settings.hold):
+            # Stale speeds end where the robot is known to stand.
+            filter_record.take_track_speeds(record, m.stamp, 0.0, 0.0)
         return used
 
     def _repeats(self, m: PositionFix | PoseFix) -> bool:

@@ -115,3 +115,24 @@ def test_a_robot_that_moves_is_not_believed_to_stand_and_nothing_changes():
         assert estimator.feed(ZeroVelocity(estimator.stamp + shift)) is False
         assert known(estimator) == before
     assert estimator.health.rejections() == {"zero velocity: gate": 2}
+
+
+@pytest.mark.parametrize("delay", [0.02, 0.1, 0.5])
+def test_drivers_that_pause_at_rest_resume_where_the_robot_stood(delay: float) -> None:
+    """The age of the track speeds counts from the last zero velocity, not from the begin of the pause."""
+    estimator, stamp = PoseEstimator(ALPHA), EPOCH
+
+    def feed_pair(at: int) -> None:
+        estimator.feed(TrackSpeeds(at, 0.0, 0.0))
+        estimator.feed(ImuSample(at, (0.0, 0.0, BIAS), (0.0, 0.0, 9.81)))
+
+    for _ in range(500):
+        stamp += 2 * STEP
+        feed_pair(stamp)
+    for _ in range(30):
+        stamp += 1_000_000_000
+        assert estimator.feed(ZeroVelocity(stamp))
+    feed_pair(stamp + round(delay * 1e9))
+    x, y, yaw = np.sqrt(np.diag(estimator.pose_covariance))
+    assert max(x, y) < 0.1
+    assert yaw < 0.1
