@@ -23,6 +23,7 @@ from icreckon.estimator.motion.bounds import BOUND_ROUNDS, ROUNDING
 from icreckon.estimator.motion.motion_model import MotionModel, VehicleConstants
 from icreckon.estimator.robot.robot_file import Slip
 from icreckon.estimator.sensors.measurement_models import POSE_FIXED, gyro_fixed, imu_fixed
+from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.kernel import FLAG_BITS, Kernel, Store
 from icreckon.estimator.tracing.trace import Real, Truth, minimum, select
@@ -203,6 +204,8 @@ class Lane:
         with_rows = [self.P.times(row) for row in now.rows]
         pairs = [(i, j) for i in range(3) for j in range(i, 3)]
         covariance = {(i, j): dot(with_rows[i], now.rows[j]) for i, j in pairs}
+        for axis, variance in enumerate(STANDSTILL_VARIANCE):
+            covariance[axis, axis] = covariance[axis, axis] + variance
         fastest = self.constant("fastest")
         shares = [model.share_of_sigma(covariance[axis, axis], fastest) for axis in (0, 1)]
         shares.append(1.0)

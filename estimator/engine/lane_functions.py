@@ -29,6 +29,7 @@ from icreckon.estimator.sensors.held_tracks import is_hole, speeds_at, take_moti
 from icreckon.estimator.sensors.imu_clock import is_alive, take_stamp
 from icreckon.estimator.sensors.imu_noise import measure_noise, measured_noise, noise_of_step
 from icreckon.estimator.sensors.imu_tilt import add_rates
+from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE
 from icreckon.estimator.sensors.standstill import is_full, quiet_mean
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 from icreckon.estimator.sensors.track_latency import add_rate
@@ -341,7 +342,7 @@ def write_twist(places: Any, record: Any, arrays: Any, rows: Any, row: int) -> N
     covariance = rows.twist_covariances[row]
     for i in range(3):
         for j in range(3):
-            covariance[i, j] = 0.0
+            covariance[i, j] = STANDSTILL_VARIANCE[i] if i == j else 0.0
             for k in range(n):
                 covariance[i, j] += with_states[i, k] * jacobian[j, k]
     for axis in range(2):

@@ -16,6 +16,7 @@ from icreckon.estimator.log.measurements import Vector3
 from icreckon.estimator.motion.propagation import gauss_markov
 from icreckon.estimator.robot.robot_file import Robot, Slip, slip_components
 from icreckon.estimator.sensors.held_tracks import TrackRecord
+from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE
 from icreckon.estimator.sensors.step_inputs import StepInputs
 
 PUSHED_W = 0.3  # yaw rate of a robot that is pushed with its tracks at rest [rad/s]
@@ -147,8 +148,11 @@ def fast_slip_density(
 
 
 def twist_covariance(jacobian: Floats, P: Floats, fastest: float) -> Floats:
-    """(3, 3) covariance of the body velocity, by its Jacobian (3, n) and P (n, n)."""
-    covariance = np.asarray(jacobian @ P @ jacobian.T)
+    """(3, 3) covariance of the body velocity, by its Jacobian (3, n) and P (n, n).
+
+    It is never below that of a standing robot, whose slip is zero in the model.
+    """
+    covariance = np.asarray(jacobian @ P @ jacobian.T) + np.diag(STANDSTILL_VARIANCE)
     v_x, v_y = (share_of_sigma(covariance.item(axis, axis), fastest) for axis in (0, 1))
     shares = np.array([v_x, v_y, 1.0])
     return covariance * np.outer(shares, shares)
