@@ -41,6 +41,7 @@ TYPICAL_ROLLING = 0.05  # rolling resistance of unknown ground [-]
 LOAD_LAG = 0.2  # default lag of the load transfer [s]
 LARGEST_ETA = 1000.0  # largest distance of constant ICRs, as a multiple of the gauge
 MOST_POINTS = 1000  # most contact points of a track
+DENSEST = 20_000.0  # largest mass over the cube of the gauge, about that of gold [kg/m³]
 
 
 class Vehicle(Bounded, frozen=True):
@@ -72,6 +73,14 @@ class Vehicle(Bounded, frozen=True):
     yaw_inertia: Positive | None = None
     max_track_speed: Positive = 1.0
     load_lag: Positive = LOAD_LAG
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.mass > DENSEST * self.track_gauge**3:
+            raise SettingError(
+                f"mass must be in kilograms (not grams), found {self.mass!r} for a track_gauge of "
+                f"{self.track_gauge!r} m"
+            )
 
 
 class Indices(Bounded, frozen=True):

@@ -25,6 +25,7 @@ USUAL_SCALE_SIGMA, LEAST_SCALE_SIGMA = 0.02, 0.01
 """Standard deviation of an effective radius of which a log shows nothing, and the least that one log
 shows, since the ground changes it [-]."""
 USUAL_DIFFERENCE_SIGMA = 0.02  # sigma of an unmeasured difference of the radii [-]
+USUAL_GYRO_SCALE_SIGMA = 0.005  # scale error of a MEMS gyro without a data sheet [-]
 STANDING_BIAS_SIGMA = 0.002  # sigma of a standstill's gyro bias, for other logs [rad/s]
 FILL_IN = "# not in the log: fill in"
 GAUGE_LINE = f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)"
@@ -150,6 +151,8 @@ def _imu_lines(estimates: LogEstimates) -> list[str]:
     if mounting.gyro_noise_density:
         remark = "rad/s/√Hz, at standstill; vibration while driving adds to it"
         lines.append(f"gyro_noise_density = {mounting.gyro_noise_density:.2g}    # {remark}")
+    remark = "usual scale error of a MEMS gyro; replace it with the data sheet's"
+    lines.append(f"gyro_scale_sigma = {USUAL_GYRO_SCALE_SIGMA}    # {remark}")
     if mounting.accelerometer_noise_density:
         remark = "fast vibration; slow disturbances add to it"
         if has_tracks:

@@ -113,6 +113,12 @@ def open_store(
     return BlockStore(folder, manifest["digest"], shape)
 
 
+def runs_in(folder: Path) -> int:
+    """Number of runs of each cell of the study in a folder; 0 without one."""
+    runs = (_read_manifest(folder) or {}).get("runs")
+    return runs if isinstance(runs, int) else 0
+
+
 def write_files(folder: Path, files: dict[str, bytes]) -> None:
     """Write files (name -> content) to the folder of a study, each atomically.
 
@@ -134,8 +140,9 @@ def _refuse_others(folder: Path, manifest: dict[str, Any]) -> None:
         return
     manifest_there = _read_manifest(folder)
     if manifest_there is None:
+        found = "a damaged manifest" if (folder / BLOCKS).is_dir() else "no study of icreckon"
         raise SimulationError(
-            f"{folder} is there, and holds no study of icreckon; it is left alone, give another --out"
+            f"{folder} is there, and holds {found}; it is left alone, give another --out"
         )
     if manifest_there.get("digest") == manifest["digest"]:
         return

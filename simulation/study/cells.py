@@ -177,6 +177,8 @@ def _cell(
         else:
             scenario_changes[key] = value
     outage = scenario_changes.pop(OUTAGE, None)
+    if outage is not None and "outages" in scenario_changes:
+        raise SimulationError("sweep: outage and outages exclude each other; leave one out")
     nested = nest(scenario_changes) | {"seed": study.seed}
     scenario = change_scenario(study.scenario, nested, f"sweep of {study.name}")
     if outage is not None:
@@ -191,8 +193,8 @@ def _cell(
         settings = _aware_of_wander(spec.made_settings(), own_robot, scenario)
         assumptions(own_robot, find_variant(spec.variant), settings)  # raises if they do not fit
         filters.append(Filter(spec.label, spec.variant, own_robot, settings))
-    truths, horizons = study.true_motions, study.horizons
-    return Cell(index, values, scenario, true_robot, tuple(filters), truths, horizons)
+    own = study.truths, study.horizons
+    return Cell(index, values, scenario, true_robot, tuple(filters), *own)
 
 
 def _with_noise_of(robot: Robot, true_robot: Robot, scenario: Scenario) -> Robot:
@@ -209,7 +211,11 @@ def _with_noise_of(robot: Robot, true_robot: Robot, scenario: Scenario) -> Robot
         "accelerometer_bias_sigma": force.bias_sigma,
         "accelerometer_bias_walk": _total_walk(force),
     }
-    speeds = {name: getattr(encoders, name) for name in ("speed_noise_density", "scale_sigma")}
+    speeds = {
+        "speed_noise_density": encoders.speed_noise_density,
+        "scale_sigma": encoders.scale_sigma,
+        "difference_sigma": encoders.scale_difference_sigma,
+    }
     return _changed_robot(robot, {"imu": imu, "tracks": speeds}, "noise of the scenario")
 
 

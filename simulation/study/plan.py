@@ -22,7 +22,6 @@ from icreckon.simulation.base.random_streams import check_whole
 from icreckon.simulation.scenario import Scenario
 
 STUDIES_FOLDER = Path(__file__).parent / "studies"
-DEFAULT_TRUTHS = 20  # default number of true motions of a cell: the most expensive part of a run
 MOST_CELLS = 100_000
 MOST_RUNS = 10_000_000  # more runs take a year, and gigabytes for their results
 Runs = Annotated[
@@ -140,8 +139,7 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         variants: the filters, as names of variants or in full.
         sweep: changes from cell to cell; None for a single cell.
         runs: number of runs per cell.
-        truths: number of distinct true motions per cell; run r drives true motion r modulo this. By
-            default 20, but at most the number of runs.
+        truths: number of distinct true motions per cell; run r drives true motion r modulo this.
         seed: seed of all random numbers.
         baseline: label of the filter with which the others are compared, run by run; the first by
             default.
@@ -163,7 +161,7 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     variants: tuple[str | FilterSpec, ...] = DEFAULT_VARIANTS
     sweep: Sweep | None = None
     runs: Runs = 20
-    truths: Count | None = None
+    truths: Count = 20  # true motions are the most expensive part of a run
     seed: int = 1
     baseline: str | None = None
     horizons: tuple[Horizon, ...] = HORIZONS
@@ -201,7 +199,7 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     @property
     def true_motions(self) -> int:
         """Number of distinct true motions per cell."""
-        return min(self.runs, self.truths or DEFAULT_TRUTHS)
+        return min(self.runs, self.truths)
 
     @property
     def compared_with(self) -> str:
