@@ -72,6 +72,8 @@ UNIT_ERRORS = (
     (2.0 * math.pi, "are the rates in turns per second?"),
     (math.pi / 30.0, "are the rates in rpm?"),
     (math.pi / 180.0, "are the rates in deg/s?"),
+    (180.0 / math.pi, "are the rates in rad/s, not deg/s?"),
+    (30.0 / math.pi, "are the rates in rad/s, not rpm?"),
 )
 COUNT_QUESTION = "is counts_per_turn off by that (lines or edges, gears), or the radius a diameter?"
 COUNT_ERRORS = tuple((size, COUNT_QUESTION) for size in (0.25, 0.5, 2.0, 4.0))
@@ -156,7 +158,9 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     spread = float(log.tracks.difference.std()) / effective_track(robot)
     ratio = float(vertical.std()) / spread if spread else 0.0
     lowest, highest = DEGREES
-    if lowest < ratio < highest:
+    of_true_rate = _over_true(log, log.imu.stamps, vertical, 2)
+    # Where the gyro agrees with a truth, `check_scale` names the unit of the tracks.
+    if lowest < ratio < highest and (of_true_rate is None or of_true_rate > lowest):
         in_log = f"{ratio:.0f} times the tracks' turning"
         problem = f"the gyro reads {ratio:.0f} times what the tracks turn: it is in deg/s"
         remedy, measured = 'rate_unit = "deg/s" in [log.imu]', Measured(ratio, "-", 1.0)
@@ -259,6 +263,12 @@ def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate:
 
 def _is_opposite(log: Log, stamps: Stamps, values: Floats, axis: int) -> bool | None:
     """True if speeds (axis 0) or yaw rates (2) have the wrong signs, None if unknown."""
+    ratio = _over_true(log, stamps, values, axis)
+    return None if ratio is None else ratio < 0.0
+
+
+def _over_true(log: Log, stamps: Stamps, values: Floats, axis: int) -> float | None:
+    """Speeds (axis 0) or yaw rates (2) over those of a truth [-], None if they do not agree."""
     truth = log.truth
     if truth is None or not truth.headings:
         return None
@@ -266,13 +276,13 @@ def _is_opposite(log: Log, stamps: Stamps, values: Floats, axis: int) -> bool | 
     if motion is None:
         return None
     edges, moved = motion
-    true, middles = moved[:, axis], 0.5 * (edges[1:] + edges[:-1])
+    true, middles = moved[:, axis] / SIGN_WINDOW, 0.5 * (edges[1:] + edges[:-1])
     found = np.interp(middles, stamps, values)
-    size = float(np.linalg.norm(true) * np.linalg.norm(found))
-    if size == 0.0:
-        return None
-    agreement = float(true @ found) / size  # from -1 to 1, as of a correlation about zero
-    return agreement < 0.0 if abs(agreement) > imu_mounting.CLEAR_TURNING else None
+    product, square = float(true @ found), float(true @ true)
+    size = math.sqrt(square) * float(np.linalg.norm(found))
+    # From -1 to 1, as of a correlation about zero.
+    is_clear = size > 0.0 and abs(product) / size > imu_mounting.CLEAR_TURNING
+    return product / square if is_clear else None
 
 
 def _with_rates(log: Log, robot: Robot, *, factor: float) -> tuple[Log, Robot]:
@@ -354,9 +364,10 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     if source == "accelerometer":
         text = f"accelerations are {ratio:.3g}{error} times the changes of the track speeds"
         text += f" (suspensions explain 1.2){guess}"
-    remedy = f"{name} = {value:g} in [{table}]"
-    corrected = with_speeds(lambda speeds: ratio * speeds)
-    yield check.contradicted(text, remedy, corrected, {f"{table}.{name}": value})
+    remedy, settings = f"{name} = {value:g} in [{table}]", {f"{table}.{name}": value}
+    if "are the rates" in guess:
+        remedy, settings = f"unit in [{mapped_table(robot, 'tracks')}]", {}
+    yield check.contradicted(text, remedy, with_speeds(lambda v: ratio * v), settings)
 
 
 def _measured_scale(log: Log, imu: ImuSeries, robot: Robot) -> tuple[Estimate | None, float]:

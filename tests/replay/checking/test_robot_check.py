@@ -112,6 +112,7 @@ ERRORS = {
         lambda robot: with_values(robot, log={"tracks": COUNTERS}),
         {SCALE: "is counts_per_turn off"},
     ),
+    "not in deg/s": (scaled(np.pi / 180.0), None, {SCALE: "in rad/s, not deg/s?"}),
     "rates in rpm": (scaled(30.0 / np.pi), None, {SCALE: "are the rates in rpm?"}),
     "left and right": (swapped, None, {TURNING: "right are swapped"}),
     "backward": (scaled(-1.0), None, {TURNING: "both tracks count backward"}),
