@@ -20,6 +20,7 @@ from icreckon.simulation.study.summary import (
     Summary,
     jackknife_half_width,
     over_cells,
+    ratio_interval,
     summarise,
 )
 
@@ -126,11 +127,32 @@ def study_results(runs: Runs, manifest: Results, cells: Sequence[list[list[Summa
 
 
 def _groups(runs: Runs, axis: Axis) -> list[Results]:
-    """Summaries of the cells that share a value of an axis."""
-    return [
-        group | {"variants": _by_variant(runs, _summaries(runs, group["cells"]))}
-        for group in groups_of(runs.plan, axis)
-    ]
+    """Summaries of the cells that share a value of an axis.
+
+    Unless the axis is sampled, `to_first` has by variant the ratio of the reported drift to that at the
+    first value, with its interval: runs are paired, and so are cells.
+    """
+    groups = groups_of(runs.plan, axis)
+    for group in groups:
+        group["variants"] = _by_variant(runs, _summaries(runs, group["cells"]))
+        if not axis.sampled:
+            group["to_first"] = _ratios(runs, group["cells"], groups[0]["cells"])
+    return groups
+
+
+def _ratios(runs: Runs, cells: Sequence[int], others: Sequence[int]) -> Results:
+    """Ratios of the reported drift in cells to that in as many others, by variant."""
+    names = [statistic.name for statistic in runs.statistics]
+    drifts = runs.values[..., [names.index(_reported_drift(runs))]]
+    found = {}
+    for label, drift in zip(runs.plan.labels, drifts, strict=True):
+        own, other = drift[list(cells)], drift[list(others)]
+        in_both = np.isfinite(own) & np.isfinite(other)
+        means = [over_cells(np.where(in_both, each, np.nan))[:, 0] for each in (own, other)]
+        known = np.isfinite(means[0])
+        ratio = ratio_interval(means[0][known], means[1][known], runs.motions[known])
+        found[label] = dict(zip(("ratio", "ratio_low", "ratio_high"), ratio, strict=True))
+    return found
 
 
 def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:

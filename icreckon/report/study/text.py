@@ -175,11 +175,37 @@ def notes(results: Results, *, narrow: bool = False) -> list[str]:
         intervals = f"×/÷ the factor of the 95 % interval of the mean ({method})"
     percentile = "" if narrow else ", and 95th percentile of the runs"
     return [
+        *_levels(results),
         f"{runs} runs{shared} in each cell, paired over cells and variants; {intervals}.",
         f"Ratios are to {results['baseline']}, of means over the same runs. Final errors: "
         f"median{percentile}. NEES of the pose at the end: 3 is ideal, more is too sure.",
         *_large_nees_note(results),
     ]
+
+
+def _levels(results: Results) -> list[str]:
+    """Compare the values of each axis with its first, by the variant that drifts least."""
+    typical = results["typical"]
+    known = [name for name in typical if is_finite(typical[name]["median_percent"])]
+    lines = []
+    for axis, effect in swept(results) if known else []:
+        best = min(known, key=lambda name: float(typical[name]["median_percent"]))
+        first, *others = effect["groups"]
+        parts = []
+        for group in others:
+            found = group.get("to_first", {}).get(best)
+            if found is None or not is_finite(found["ratio_low"]):
+                continue
+            low, high = found["ratio_low"], found["ratio_high"]
+            remark = "; not significant" if low <= 1.0 <= high else ""
+            parts.append(
+                f"{change(found['ratio'])} at {group['name']}{change_range((low, high), remark)}"
+            )
+        if parts:
+            lines.append(
+                f"{axis['name']}, drift of {best} against {first['name']}: {'; '.join(parts)}."
+            )
+    return lines
 
 
 def _large_nees_note(results: Results) -> list[str]:

@@ -201,8 +201,23 @@ def test_results_hold_every_cell_and_the_effect_of_every_axis(runs, results):
     column = names.index("drift_percent_30s")
     mean = noise["groups"][1]["variants"]["inertia-online"]["drift_percent_30s"]["mean"]
     assert mean == pytest.approx(runs.values[1, [1, 3, 5], :, column].mean(), rel=1e-12)
+    drifts = runs.values[1, :, :, column]
+    ratio = noise["groups"][1]["to_first"]["inertia-online"]
+    assert ratio["ratio"] == pytest.approx(drifts[[1, 3, 5]].mean() / drifts[[0, 2, 4]].mean())
+    assert ratio["ratio_low"] < ratio["ratio"] < ratio["ratio_high"]
+    assert noise["groups"][0]["to_first"]["inertia-online"]["ratio"] == 1.0
     assert told["baseline"] == "constant-online"
     assert told["cells"][0]["variants"]["constant-online"]["rejected_gyro"]["mean"] is None
+
+
+def test_notes_compare_the_values_of_each_axis_with_its_first(results):
+    changed = json.loads(as_json(results))
+    _, noise = changed["effects"]
+    first, second = (group["name"] for group in noise["groups"])
+    for found in noise["groups"][1]["to_first"].values():
+        found |= {"ratio": 0.5, "ratio_low": 0.4, "ratio_high": 0.6}
+    expected = f"against {first}: 50 % less at {second} (95 %: 40 to 60 % less)."
+    assert sum(expected in line for line in notes(changed)) == 1
 
 
 def test_cells_of_a_latin_hypercube_are_grouped_with_their_neighbours():
