@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Indexes, Stamps
+from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
@@ -134,7 +135,12 @@ def drift(
         within: intervals of stamps [ns] that must contain a segment; None for everywhere.
         largest_gap: segments across a longer gap in the truth are left out [s]; None for one second, or
             more where the truth is slower, see `USUAL_GAPS`.
+
+    Raises:
+        EstimatorError: the horizon is not positive.
     """
+    if not horizon > 0.0:
+        raise EstimatorError(f"a horizon is a positive number of {unit}, found {horizon!r}")
     shared = truth.rows(is_shared(estimate, truth))
     stamps = shared.stamps
     if len(stamps) < 2:

@@ -179,9 +179,17 @@ class Reckoning:
         self.own_faults.restore(checkpoint.own_faults)
 
     def warm_start(self, checkpoint: FilterCheckpoint, off: float) -> None:
-        """Start with parameters, biases and scales of a checkpoint that is `off` [s] old."""
-        self.ekf.x[s.LEARNT] = checkpoint.state[s.LEARNT]
-        self.ekf.P[s.LEARNT, s.LEARNT] = checkpoint.covariance[s.LEARNT, s.LEARNT]
+        """Start with parameters, biases and scales of a checkpoint that is `off` [s] old.
+
+        States that were certain there keep the prior of this robot file.
+        """
+        learnt = np.arange(s.SIZE)[s.LEARNT]
+        learnt = learnt[checkpoint.covariance[learnt, learnt] > 0.0]
+        block = np.ix_(learnt, learnt)
+        self.ekf.x[learnt], self.ekf.P[block] = (
+            checkpoint.state[learnt],
+            checkpoint.covariance[block],
+        )
         self.ekf.P[: s.SIZE, : s.SIZE] += np.diag(self._disturbances.bias_walk**2 * off)
 
     # --- outputs ---------------------------------------------------------------------------------

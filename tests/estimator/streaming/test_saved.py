@@ -282,6 +282,10 @@ def test_other_noise_is_refused_for_going_on_but_not_for_a_warm_start(saved):
     with pytest.raises(EstimatorError, match=r"imu\.gyro_noise_density .* make a warm start"):
         PoseEstimator.restore(saved, other)
     PoseEstimator.warm_start(saved, other, off=0.0)
+    # A scale that was known exactly has the prior of the new file.
+    scaled = changed_robot(ALPHA, {"imu.gyro_scale_sigma": 0.005})
+    warm = PoseEstimator.warm_start(saved, scaled, off=0.0)
+    assert warm.covariance[s.GYRO_SCALE, s.GYRO_SCALE] == pytest.approx(0.005**2)
     turned = changed_robot(ALPHA, {"imu.rotation_rpy_deg": (180.0, 0.0, 0.0)})
     with pytest.raises(EstimatorError, match=r"imu\.rotation_rpy_deg"):
         PoseEstimator.warm_start(saved, turned, off=0.0)
