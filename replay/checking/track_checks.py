@@ -268,7 +268,7 @@ def _is_opposite(log: Log, stamps: Stamps, values: Floats, axis: int) -> bool | 
 
 
 def _over_true(log: Log, stamps: Stamps, values: Floats, axis: int) -> float | None:
-    """Speeds (axis 0) or yaw rates (2) over those of a truth [-], None if they do not agree."""
+    """Ratio of speeds (axis 0) or yaw rates (2) to a truth's [-], None if unclear."""
     truth = log.truth
     if truth is None or not truth.headings:
         return None
@@ -364,9 +364,9 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     if source == "accelerometer":
         text = f"accelerations are {ratio:.3g}{error} times the changes of the track speeds"
         text += f" (suspensions explain 1.2){guess}"
-    remedy, settings = f"{name} = {value:g} in [{table}]", {f"{table}.{name}": value}
+    remedy, settings = f"{name} = {value:g} in [{table}]", Settings({f"{table}.{name}": value})
     if "are the rates" in guess:
-        remedy, settings = f"unit in [{mapped_table(robot, 'tracks')}]", {}
+        remedy, settings = f"unit in [{mapped_table(robot, 'tracks')}]", Settings()
     yield check.contradicted(text, remedy, with_speeds(lambda v: ratio * v), settings)
 
 

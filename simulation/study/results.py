@@ -30,7 +30,6 @@ COMMAND = "study"
 USUAL_HORIZON = 30.0  # preferred horizon at which drift is reported [s]
 FINAL_ERROR = "final_position_error_m"
 PERCENTILES = tuple(range(101))  # percentiles that represent the distribution of the final error
-MOST_DISTRIBUTIONS = 4  # number of stored distributions, of cells that lie far apart
 ROUNDING = 1e-9  # relative difference up to which statistics of a run count as equal
 SHOWN_DIGITS = 5  # digits of numbers used only in figures
 
@@ -241,29 +240,15 @@ def _typical_ratios(runs: Runs, values: Floats) -> list[tuple[float, float, floa
     return found
 
 
-def _final_errors(runs: Runs) -> list[dict[str, Any]]:
-    """Percentiles of the final position error, for distant groups of the first axis."""
-    plan = runs.plan
-    column = [statistic.name for statistic in runs.statistics].index(FINAL_ERROR)
-    axis_name = ""
-    groups: list[Results] = [{"name": "all runs", "cells": range(len(plan.cells))}]
-    if plan.axes:
-        axis_name = plan.axes[0].name
-        groups = groups_of(plan, plan.axes[0])
-        picks = np.linspace(0, len(groups) - 1, min(MOST_DISTRIBUTIONS, len(groups)))
-        groups = [groups[round(pick)] for pick in picks.tolist()]
-    distributions = []
-    for group in groups:
-        percentiles = {}
-        for label, values in zip(plan.labels, runs.values[..., column], strict=True):
-            errors = values[list(group["cells"])].ravel()
-            errors = errors[np.isfinite(errors)]
-            if len(errors):
-                exact = np.percentile(errors, PERCENTILES).tolist()
-                percentiles[label] = [float(f"{value:.{SHOWN_DIGITS}g}") for value in exact]
-        place = {"axis": axis_name, "group": group["name"]}
-        distributions.append(place | {"percentiles": percentiles})
-    return distributions
+def _final_errors(runs: Runs) -> dict[str, list[float]]:
+    """Percentiles of the final position error over all cells, by variant that has one."""
+    column, found = [statistic.name for statistic in runs.statistics].index(FINAL_ERROR), {}
+    for label, values in zip(runs.plan.labels, runs.values[..., column], strict=True):
+        errors = values[np.isfinite(values)]
+        if len(errors):
+            exact = np.percentile(errors, PERCENTILES).tolist()
+            found[label] = [float(f"{value:.{SHOWN_DIGITS}g}") for value in exact]
+    return found
 
 
 def alike(values: Floats, axis: int) -> list[list[int]]:

@@ -94,7 +94,10 @@ def study_figures(results: Results) -> list[Picture]:
             "with 3 degrees of freedom, over runs). Above it a filter is overconfident."
         )
         figures.append(_drawn("consistency", caption, partial(_draw_consistency, results=results)))
-    figures.append(_distribution(results, others))
+    if results["final_errors"]:
+        caption = f"Share of runs up to each position error at the end{others}."
+        drawn = partial(_draw_distribution, results=results)
+        figures.append(_drawn("final-error-distribution", caption, drawn))
     return figures
 
 
@@ -307,41 +310,19 @@ def _label_cells(axes: Axes, results: Results) -> None:
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def _distribution(results: Results, others: str) -> Picture:
-    """Draw the distribution of final errors by group; `others` ends the caption."""
-    colours = _colours(results)
-    groups = [group for group in results["final_errors"] if group["percentiles"]]
-    rows = max(1, math.ceil(len(groups) / 2))
-    columns = min(2, max(1, len(groups)))
-    shares = np.array(PERCENTILES) / 100.0
-    errors: list[float] = []
-    size = (SIZE[0], SIZE[1] * (0.35 + 0.65 * rows))
-    with drawing(size, STYLE) as figure:
-        grid = figure.subplots(rows, columns, squeeze=False, sharey=True, sharex=True)
-        panels = list(grid.flat)
-        for axes, group in zip(panels, groups, strict=False):
-            drawn = [label for label in results["variants"] if label in group["percentiles"]]
-            for label in drawn:
-                percentiles = group["percentiles"][label]
-                errors += percentiles
-                axes.plot(floats(percentiles), shares, color=colours[label], lw=1.5, label=label)
-            axes.set_title(f"{group['axis']} {group['group']}".strip())
-        positive = [error for error in errors if error > 0.0]
-        if positive and max(positive) > LOG_SPAN * np.median(positive):
-            panels[0].set_xscale("log")
-        for axes in panels[len(groups) :]:
-            axes.set_visible(False)
-        used_panels = panels[: max(1, len(groups))]  # a study without results has an empty one
-        for axes in used_panels[-columns:]:  # the lowest panel of each column
-            axes.tick_params(labelbottom=True)
-            axes.set_xlabel("position error at the end [m]")
-        for axes in grid[:, 0]:
-            axes.set_ylabel("share of runs")
-        if groups:
-            panels[0].legend(loc="lower right")
-        title = "Distribution of the position error at the end of the run"
-        caption = f"{title}: share of runs up to it{others}."
-        return Picture("final-error-distribution", caption, png(figure, METADATA))
+def _draw_distribution(axes: Axes, results: Results) -> None:
+    """Draw the share of runs up to each error at the end."""
+    colours, errors = _colours(results), list[float]()
+    for label, percentiles in results["final_errors"].items():
+        errors += percentiles
+        shares = np.array(PERCENTILES) / 100.0
+        axes.plot(floats(percentiles), shares, color=colours[label], lw=1.5, label=label)
+    positive = [error for error in errors if error > 0.0]
+    if positive and max(positive) > LOG_SPAN * np.median(positive):
+        axes.set_xscale("log")
+    axes.set_xlabel("position error at the end [m]")
+    axes.set_ylabel("share of runs")
+    _add_legend(axes)
 
 
 def _limit(axes: Axes, means: Any, highs: Any) -> None:

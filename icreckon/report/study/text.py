@@ -184,7 +184,7 @@ def notes(results: Results, *, narrow: bool = False) -> list[str]:
 
 
 def _levels(results: Results) -> list[str]:
-    """Compare the values of each axis with its first, by the variant that drifts least."""
+    """Compare the values of each axis with its first, by the best variant."""
     typical = results["typical"]
     known = [name for name in typical if is_finite(typical[name]["median_percent"])]
     lines = []
