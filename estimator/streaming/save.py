@@ -1,6 +1,6 @@
 """Saved estimators: the whole estimator as one JSON file, which people can read.
 
-    {"format": "icreckon estimator", "version": 15, "checksum": "...", "content": {
+    {"format": "icreckon estimator", "version": 16, "checksum": "...", "content": {
         "variant", "robot", "settings"      arguments of the estimator
         "now"                               checkpoint of the filter, see `FilterCheckpoint`; the state by
                                             name, the covariance in rows in the order of the state
