@@ -82,12 +82,12 @@ class Tilting(NamedTuple):
     """Turning of the body about its own axes of roll and pitch."""
 
     # acceleration of gravity towards the ground [m/s²]; 0 if the rates are not known
-    down: Real = 0.0
-    roll_rate: Real = 0.0  # without bias [rad/s]; 0 if it is not known
-    pitch_rate: Real = 0.0  # without bias [rad/s]; 0 if it is not known
-    is_known: Truth = False  # True if the rates are known
+    down: Real
+    roll_rate: Real  # without bias [rad/s]; 0 if it is not known
+    pitch_rate: Real  # without bias [rad/s]; 0 if it is not known
+    is_known: Truth  # True if the rates are known
     # pitch by a random change of gravity's forward component [rad s²/m]; 0 if the rates are known
-    pitch_by_walk: Real = 0.0
+    pitch_by_walk: Real
 
 
 class Climb(NamedTuple):

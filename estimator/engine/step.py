@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -332,9 +333,10 @@ class Step:
         speeds = lane.input("left") + missing, lane.input("right") + missing
         now = lane.smoothed_twist(*speeds, shares)
         self._follow_regressors(now, speeds, shares)
-        tilt = model.Tilting()
+        rates = (math.nan, math.nan)
         if self.kind.accelerometer:
-            tilt = model.tilting(lane.x, lane.input("roll_rate"), lane.input("pitch_rate"))
+            rates = lane.input("roll_rate"), lane.input("pitch_rate")
+        tilt = model.tilting(lane.x, *rates)
         move = self._moved_pose(now, tilt)
         dt = lane.constant("dt")
         motion = Motion(

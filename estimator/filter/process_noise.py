@@ -150,7 +150,7 @@ def fast_slip_density(
 def twist_covariance(jacobian: Floats, P: Floats, fastest: float) -> Floats:
     """(3, 3) covariance of the body velocity, by its Jacobian (3, n) and P (n, n).
 
-    It is never below that of a standing robot, whose slip is zero in the model.
+    That of a standing robot is added: its slip is zero in the model.
     """
     covariance = np.asarray(jacobian @ P @ jacobian.T) + np.diag(STANDSTILL_VARIANCE)
     v_x, v_y = (share_of_sigma(covariance.item(axis, axis), fastest) for axis in (0, 1))

@@ -140,7 +140,7 @@ def drift(
         EstimatorError: the horizon is not positive.
     """
     if not horizon > 0.0:
-        raise EstimatorError(f"a horizon is a positive number of {unit}, found {horizon!r}")
+        raise EstimatorError(f"horizon must be a positive number of {unit}, found {horizon!r}")
     shared = truth.rows(is_shared(estimate, truth))
     stamps = shared.stamps
     if len(stamps) < 2:

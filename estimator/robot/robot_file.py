@@ -74,14 +74,6 @@ class Vehicle(Bounded, frozen=True):
     max_track_speed: Positive = 1.0
     load_lag: Positive = LOAD_LAG
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.mass > DENSEST * self.track_gauge**3:
-            raise SettingError(
-                f"mass must be in kilograms (not grams), found {self.mass!r} for a track_gauge of "
-                f"{self.track_gauge!r} m"
-            )
-
 
 class Indices(Bounded, frozen=True):
     """Parameters of the inertia-based kinematics (paper, equations 25 to 27).
@@ -402,7 +394,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
         raise EstimatorError(
             f"{path}: {', '.join(missing)} must be numbers, found nan: they are not filled in"
         )
-    return convert(data, Robot, str(path), EstimatorError)
+    return _with_plausible_mass(convert(data, Robot, str(path), EstimatorError))
 
 
 def _not_filled_in(data: Any, name: str = "") -> Iterator[str]:
@@ -427,7 +419,18 @@ def make_robot(name: str, **tables: Mapping[str, Any]) -> Robot:
         EstimatorError: a misspelt key, a wrong type or a bad value.
     """
     data = {"name": name} | {key: as_plain_table(value) for key, value in tables.items()}
-    return convert(data, Robot, f"robot {name!r}", EstimatorError)
+    return _with_plausible_mass(convert(data, Robot, f"robot {name!r}", EstimatorError))
+
+
+def _with_plausible_mass(robot: Robot) -> Robot:
+    """Return a robot; EstimatorError if it is denser than any material."""
+    mass, gauge = robot.vehicle.mass, robot.vehicle.track_gauge
+    if mass > DENSEST * gauge**3:
+        raise EstimatorError(
+            f"robot {robot.name!r}: mass = {mass!r} kg does not fit track_gauge = {gauge!r} m: is the "
+            "mass in grams, or the gauge not in metres?"
+        )
+    return robot
 
 
 def changed_robot(robot: Robot, changes: Mapping[str, Any]) -> Robot:

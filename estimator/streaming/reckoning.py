@@ -186,10 +186,8 @@ class Reckoning:
         learnt = np.arange(s.SIZE)[s.LEARNT]
         learnt = learnt[checkpoint.covariance[learnt, learnt] > 0.0]
         block = np.ix_(learnt, learnt)
-        self.ekf.x[learnt], self.ekf.P[block] = (
-            checkpoint.state[learnt],
-            checkpoint.covariance[block],
-        )
+        self.ekf.x[learnt] = checkpoint.state[learnt]
+        self.ekf.P[block] = checkpoint.covariance[block]
         self.ekf.P[: s.SIZE, : s.SIZE] += np.diag(self._disturbances.bias_walk**2 * off)
 
     # --- outputs ---------------------------------------------------------------------------------
@@ -351,6 +349,10 @@ class Reckoning:
             assign(record.fixes.scatter, ScatterRecord())
         if has_begun_step:
             self._steps.move(m.stamp, PROPAGATE)
+        if used and model.standing and is_hole(self._tracks, m.stamp, self._settings.hold):
+            # Stale speeds, and the fast slip that contradicted them, end where the robot stands.
+            self.ekf.renew_fast_slip(np.zeros((3, 3)))
+            filter_record.take_track_speeds(record, m.stamp, 0.0, 0.0)
         return used
 
     def _update(self, m: Measurement, model: FixModel[Any], *, ahead: bool) -> bool:
@@ -382,9 +384,6 @@ class Reckoning:
         elif model.standing and ahead:
             # The fast slip of the last step is over.
             ekf.renew_fast_slip(predicted.R)
-        if model.standing and used and is_hole(self._tracks, m.stamp, self._settings.hold):
-            # Stale speeds end where the robot is known to stand.
-            filter_record.take_track_speeds(record, m.stamp, 0.0, 0.0)
         return used
 
     def _repeats(self, m: PositionFix | PoseFix) -> bool:

@@ -160,7 +160,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     lowest, highest = DEGREES
     of_true_rate = _over_true(log, log.imu.stamps, vertical, 2)
     # Where the gyro agrees with a truth, `check_scale` names the unit of the tracks.
-    if lowest < ratio < highest and (of_true_rate is None or of_true_rate > lowest):
+    if lowest < ratio < highest and (of_true_rate is None or abs(of_true_rate) > lowest):
         in_log = f"{ratio:.0f} times the tracks' turning"
         problem = f"the gyro reads {ratio:.0f} times what the tracks turn: it is in deg/s"
         remedy, measured = 'rate_unit = "deg/s" in [log.imu]', Measured(ratio, "-", 1.0)

@@ -97,7 +97,7 @@ def test_a_push_is_a_slide_to_the_other_side() -> None:
 
 
 def test_stamps_that_jitter_are_no_slide() -> None:
-    """A driver divides the distance by the time since its last reading, whose stamp is the arrival's."""
+    """A driver divides the distance by the time between two arrivals."""
     log = simulate(Scenario(duration=60.0, seed=1, fix_rate=0.0), ALPHA)
     tracks, rng = log.tracks, np.random.default_rng(1)
     late = np.abs(rng.normal(0.0, 0.005, len(tracks.stamps))) * SECOND
