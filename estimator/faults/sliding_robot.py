@@ -20,7 +20,7 @@ FORGETTING, GRAVITY_AVERAGING = 0.3, 2.0
 # Time over which speeds and forces are averaged [s]: stamps that jitter falsify speeds, not distances.
 AVERAGING = 0.05
 # Difference that is a slide: this [m/s], or this multiple of the robot's own root mean square.
-LEAST_SPEED, SIGMAS = 0.5, 8.0
+LEAST_SPEED, SIGMAS = 0.6, 6.0
 # The robot's own root mean square before it is known [m/s], the time for which this counts, and the
 # longest over which it is averaged [s].
 RMS_AT_START, TIME_AT_START, RMS_AVERAGING = 0.2, 2.0, 20.0
@@ -67,7 +67,7 @@ def watch_slide(slide: SlideRecord, stamp: int, force: float, tracks: float) -> 
     if not 0.0 < dt < LONGEST_INTERVAL:
         slide.force, slide.difference = force, 0.0
         return
-    slide.force -= math.expm1(-dt / AVERAGING) * (force - slide.force)
+    slide.force += min(1.0, dt / AVERAGING) * (force - slide.force)
     # Change of velocity by the accelerometer less that by the tracks.
     difference = slide.force * dt - change
     slide.difference += difference - slide.mean * dt - min(1.0, dt / FORGETTING) * slide.difference

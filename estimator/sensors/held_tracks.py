@@ -113,7 +113,7 @@ def take_tracks(
     if interval <= hold:
         held.interval = interval
         weight = smoothing_share(interval, SMOOTHING)
-        short_weight = smoothing_share(interval, AVERAGING)
+        short_weight = min(1.0, interval / AVERAGING)
         # Averaged changes over the time between samples.
         rate = min(1.0, interval / ACCELERATION_AVERAGING) / interval
         a_l, a_r = held.acceleration_left, held.acceleration_right

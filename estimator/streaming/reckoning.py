@@ -325,6 +325,11 @@ class Reckoning:
     def _take_fix(self, m: Measurement) -> bool:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""
         model, record = measurement_models.MODELS[type(m)], self.record
+        if model.standing and is_hole(self._tracks, m.stamp, self._settings.hold):
+            # Where the robot drove, stale speeds hold up to here: it is not known when it stopped.
+            if self._tracks.left != 0.0:
+                self._advance(m.stamp)
+            filter_record.take_track_speeds(record, m.stamp, 0.0, 0.0)
         # Predict ahead, within the step that the next IMU sample will end, or move to the stamp. A zero
         # velocity at the end of a step is about the next one.
         is_at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER
@@ -349,10 +354,6 @@ class Reckoning:
             assign(record.fixes.scatter, ScatterRecord())
         if has_begun_step:
             self._steps.move(m.stamp, PROPAGATE)
-        if used and model.standing and is_hole(self._tracks, m.stamp, self._settings.hold):
-            # Stale speeds, and the fast slip that contradicted them, end where the robot stands.
-            self.ekf.renew_fast_slip(np.zeros((3, 3)))
-            filter_record.take_track_speeds(record, m.stamp, 0.0, 0.0)
         return used
 
     def _update(self, m: Measurement, model: FixModel[Any], *, ahead: bool) -> bool:

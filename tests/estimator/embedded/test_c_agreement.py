@@ -9,6 +9,7 @@ from agreement_scenes import SCENES
 from c_filters import CFilter, Difference, compare, in_order
 from conftest import sample, thorough
 from icreckon import BodyVelocity, FixSpec, ImuSample, Log, Measurement, TrackSpeeds, ZeroVelocity
+from icreckon.estimator.base.frames import relative
 from icreckon.estimator.robot.robot_file import changed_robot, load_robot
 from icreckon.estimator.robot.settings import FixWander, Settings
 from icreckon.estimator.robot.variants import VARIANTS
@@ -101,6 +102,32 @@ def test_velocities_and_zero_velocities(variant: str, settings: Settings) -> Non
     assert expected.health.sensors["zero velocity"].used > 20
     assert off.results == 0, off.at
     assert off.state < DOUBLE, off.at
+    assert max(off.covariance, off.twist) < 1e-8, off.at
+
+
+@pytest.mark.parametrize("imu_runs", [False, True])
+def test_a_zero_velocity_after_the_drivers_fell_silent(imu_runs: bool) -> None:
+    """The robot does not drive back, and stands at once."""
+    found, expected = CFilter(ROBOT, "inertia-online"), PoseEstimator(ROBOT, "inertia-online")
+
+    def driven(start: int, end: int, *, silent: bool = False) -> list[Measurement]:
+        both: list[Measurement] = []
+        for at in range(start, end, 10):
+            both += [] if silent else [tracks(at, 0.5, 0.6)]
+            both += [imu(at, (0.0, 0.0, 0.05))] if imu_runs or not silent else []
+        return both
+
+    standing = [ZeroVelocity(STAMP + at * MS) for at in (5_405, 5_700)]
+    pause = sorted([*driven(5_000, 5_850, silent=True), *standing], key=lambda one: one.stamp)
+    compare(found, expected, driven(0, 5_000))
+    before = expected.pose
+    off = compare(found, expected, pause)
+    assert off.state < DOUBLE, off.at
+    assert max(off.covariance, off.twist) < 1e-8, off.at
+    ahead, _, _ = relative(before, expected.pose)
+    assert 0.0 < ahead < 0.3
+    assert np.abs(expected.twist[:2]).max() < 0.05
+    off = compare(found, expected, driven(5_850, 7_000))
     assert max(off.covariance, off.twist) < 1e-8, off.at
 
 

@@ -22,7 +22,7 @@ from icreckon.estimator.faults.sliding_robot import (
     watch_slide,
 )
 from icreckon.estimator.filter.process_noise import fast_slip_density
-from icreckon.estimator.sensors.held_tracks import TrackRecord, smoothing_share
+from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.standstill import StandstillRecord
 from icreckon.estimator.sensors.step_inputs import step_inputs
@@ -47,7 +47,7 @@ def watched(
     forces += shaking * np.random.default_rng(1).standard_normal(len(forces))
     slide, found, mean = shifted(start, 0), [], float(tracks[0])
     for k, (force, speed) in enumerate(zip(forces, tracks, strict=True)):
-        mean += smoothing_share(step * NANOSECOND, AVERAGING) * (float(speed) - mean)
+        mean += min(1.0, step * NANOSECOND / AVERAGING) * (float(speed) - mean)
         watch_slide(slide, k * step, float(force), mean)
         found.append(shifted(slide, 0))
     return found

@@ -65,7 +65,8 @@ def test_tracks_that_spin_up_before_a_wall_are_a_stuck_robot() -> None:
     assert found["sliding"].level == WARN
     assert "slower than its tracks" in found["sliding"].message
     assert found["stuck"].level == WARN
-    assert abs(float(found["slip"].values["left_ratio"])) < 0.2
+    # Averages over 0.05 s have 0.7 of a change that takes no time.
+    assert abs(float(found["slip"].values["left_ratio"])) < 0.35
 
 
 def test_tracks_that_are_silent_show_no_stuck_robot() -> None:
