@@ -72,6 +72,8 @@ UNIT_ERRORS = (
     (2.0 * math.pi, "are the rates in turns per second?"),
     (math.pi / 30.0, "are the rates in rpm?"),
     (math.pi / 180.0, "are the rates in deg/s?"),
+)
+STATED_ERRORS = (
     (180.0 / math.pi, "are the rates in rad/s, not deg/s?"),
     (30.0 / math.pi, "are the rates in rad/s, not rpm?"),
 )
@@ -364,10 +366,11 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     if source == "accelerometer":
         text = f"accelerations are {ratio:.3g}{error} times the changes of the track speeds"
         text += f" (suspensions explain 1.2){guess}"
-    remedy, settings = f"{name} = {value:g} in [{table}]", Settings({f"{table}.{name}": value})
-    if "are the rates" in guess:
-        remedy, settings = f"unit in [{mapped_table(robot, 'tracks')}]", Settings()
-    yield check.contradicted(text, remedy, with_speeds(lambda v: ratio * v), settings)
+    remedy = f"{name} = {value:g} in [{table}]"
+    if guess and has_track_rates(robot):
+        remedy = f"the unit in [{mapped_table(robot, 'tracks')}], or else {remedy}"
+    corrected = with_speeds(lambda speeds: ratio * speeds)
+    yield check.contradicted(text, remedy, corrected, {f"{table}.{name}": value})
 
 
 def _measured_scale(log: Log, imu: ImuSeries, robot: Robot) -> tuple[Estimate | None, float]:
@@ -384,13 +387,12 @@ def _measured_scale(log: Log, imu: ImuSeries, robot: Robot) -> tuple[Estimate | 
 def _guess(ratio: float, robot: Robot) -> str:
     """Question whether a usual error explains a scale, true over assumed; else empty."""
     radius, tracks = robot.vehicle.sprocket_radius, topic_map(robot).track_keys
+    by_radius = [(radius, "are they rates in rad/s, read as m/s?")]
     if has_track_rates(robot):
-        by_radius = (1.0 / radius, "are they m/s, read as rates in rad/s?")
-    else:
-        by_radius = (radius, "are they rates in rad/s, read as m/s?")
-    usual_errors = [*RADIUS_ERRORS, *UNIT_ERRORS, by_radius]
+        by_radius = [(1.0 / radius, "are they m/s, read as rates in rad/s?"), *STATED_ERRORS]
+    usual_errors = [*RADIUS_ERRORS, *UNIT_ERRORS, *by_radius]
     if tracks is not None and tracks.unit == "counts":
-        usual_errors = [*COUNT_ERRORS, *UNIT_ERRORS, by_radius]
+        usual_errors = [*COUNT_ERRORS, *UNIT_ERRORS, *by_radius]
     distance, question = min((abs(math.log(ratio / size)), text) for size, text in usual_errors)
     return f": {question}" if distance < USUAL_ERROR else ""
 

@@ -20,7 +20,6 @@ from icreckon.simulation.running.store import (
     Job,
     jobs_of,
     open_store,
-    runs_in,
     write_files,
 )
 from icreckon.simulation.running.workers import opened
@@ -69,13 +68,7 @@ def run_study(
             remark(warning)
     identity = manifest(plan, chosen)
     shape = (len(plan.labels), len(statistics(study.horizons)))
-    runs_before = runs_in(Path(folder))
     store = open_store(Path(folder), identity, shape, overwrite=overwrite)
-    if remark is not None and not overwrite and runs_before > study.runs:
-        remark(
-            f"{folder} has {runs_before} runs of each cell, and these results are of the first "
-            f"{study.runs}; for all of them give --runs {runs_before}"
-        )
     jobs = jobs_of(plan, chosen.block_runs)
     count = workers or os.cpu_count() or 1
     open_workers = partial(opened, count, executor, threads=chosen.threads)

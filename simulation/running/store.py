@@ -25,7 +25,15 @@ UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.Bad
 FILES = "files"  # key of the manifest with the names of written files, for `--overwrite`
 # Most differences that a message lists; those of `UNLISTED` follow from others, or are harmless.
 MOST_LISTED = 4
-UNLISTED = ("cells:", "axes:", "name:", "configuration.name:", "runs:", "configuration.runs:")
+UNLISTED = (
+    "cells:",
+    "axes:",
+    "name:",
+    "configuration.name:",
+    "runs:",
+    "configuration.runs:",
+    "truths:",
+)
 Reasons = NDArray[np.str_]  # of failed runs, by filter and run; empty for the others
 
 
@@ -61,7 +69,8 @@ class BlockStore:
     def read(self, job: Job) -> tuple[Floats, Reasons] | None:
         """Read a block: statistics (filters, runs, statistics), reasons (filters, runs).
 
-        Returns None if the file is missing, cut short, damaged, or of another study.
+        Of a file with more runs it reads the first. Returns None if the file is missing, cut short,
+        damaged, or of another study.
         """
         try:
             with self.path(job).open("rb") as file, np.load(file, allow_pickle=False) as data:
@@ -70,6 +79,7 @@ class BlockStore:
         except UNREADABLE:
             return None
         filters, count = self._shape
+        values, reasons = values[:, : job.count], reasons[:, : job.count]
         fits = values.shape == (filters, job.count, count) and values.dtype == np.float64
         fits &= reasons.shape == values.shape[:2] and reasons.dtype.kind == "U"
         return (values, reasons) if fits and digest == self._digest else None
@@ -111,12 +121,6 @@ def open_store(
     except OSError as problem:
         raise SimulationError(f"{folder}: cannot be written: {problem.strerror}") from None
     return BlockStore(folder, manifest["digest"], shape)
-
-
-def runs_in(folder: Path) -> int:
-    """Number of runs of each cell of the study in a folder; 0 without one."""
-    runs = (_read_manifest(folder) or {}).get("runs")
-    return runs if isinstance(runs, int) else 0
 
 
 def write_files(folder: Path, files: dict[str, bytes]) -> None:

@@ -129,13 +129,17 @@ def _groups(runs: Runs, axis: Axis) -> list[Results]:
     """Summaries of the cells that share a value of an axis.
 
     Unless the axis is sampled, `to_first` has by variant the ratio of the reported drift to that at the
-    first value, with its interval: runs are paired, and so are cells.
+    first value that has one, with its interval: runs are paired, and so are cells.
     """
     groups = groups_of(runs.plan, axis)
     for group in groups:
         group["variants"] = _by_variant(runs, _summaries(runs, group["cells"]))
-        if not axis.sampled:
-            group["to_first"] = _ratios(runs, group["cells"], groups[0]["cells"])
+    drift = _reported_drift(runs)
+    has_drift = [any(one[drift]["n"] for one in group["variants"].values()) for group in groups]
+    if not axis.sampled and any(has_drift):
+        first = groups[has_drift.index(True)]
+        for group in groups:
+            group["to_first"] = _ratios(runs, group["cells"], first["cells"])
     return groups
 
 
@@ -240,7 +244,7 @@ def _typical_ratios(runs: Runs, values: Floats) -> list[tuple[float, float, floa
     return found
 
 
-def _final_errors(runs: Runs) -> dict[str, list[float]]:
+def _final_errors(runs: Runs) -> list[Results]:
     """Percentiles of the final position error over all cells, by variant that has one."""
     column, found = [statistic.name for statistic in runs.statistics].index(FINAL_ERROR), {}
     for label, values in zip(runs.plan.labels, runs.values[..., column], strict=True):
@@ -248,7 +252,7 @@ def _final_errors(runs: Runs) -> dict[str, list[float]]:
         if len(errors):
             exact = np.percentile(errors, PERCENTILES).tolist()
             found[label] = [float(f"{value:.{SHOWN_DIGITS}g}") for value in exact]
-    return found
+    return [{"axis": "", "group": "all runs", "percentiles": found}]
 
 
 def alike(values: Floats, axis: int) -> list[list[int]]:

@@ -94,7 +94,7 @@ def study_figures(results: Results) -> list[Picture]:
             "with 3 degrees of freedom, over runs). Above it a filter is overconfident."
         )
         figures.append(_drawn("consistency", caption, partial(_draw_consistency, results=results)))
-    if results["final_errors"]:
+    if results["final_errors"][0]["percentiles"]:
         caption = f"Share of runs up to each position error at the end{others}."
         drawn = partial(_draw_distribution, results=results)
         figures.append(_drawn("final-error-distribution", caption, drawn))
@@ -313,7 +313,7 @@ def _label_cells(axes: Axes, results: Results) -> None:
 def _draw_distribution(axes: Axes, results: Results) -> None:
     """Draw the share of runs up to each error at the end."""
     colours, errors = _colours(results), list[float]()
-    for label, percentiles in results["final_errors"].items():
+    for label, percentiles in results["final_errors"][0]["percentiles"].items():
         errors += percentiles
         shares = np.array(PERCENTILES) / 100.0
         axes.plot(floats(percentiles), shares, color=colours[label], lw=1.5, label=label)

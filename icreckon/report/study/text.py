@@ -185,25 +185,23 @@ def notes(results: Results, *, narrow: bool = False) -> list[str]:
 
 def _levels(results: Results) -> list[str]:
     """Compare the values of each axis with its first, by the best variant."""
-    typical = results["typical"]
-    known = [name for name in typical if is_finite(typical[name]["median_percent"])]
-    lines = []
-    for axis, effect in swept(results) if known else []:
-        best = min(known, key=lambda name: float(typical[name]["median_percent"]))
-        first, *others = effect["groups"]
+    typical, lines = results["typical"], []
+    known = [name for name in typical if is_finite(typical[name]["ratio"])]
+    best = min(known, key=lambda name: float(typical[name]["ratio"]), default="")
+    for axis, effect in swept(results):
+        by_value = [
+            (one["name"], one.get("to_first", {}).get(best, {})) for one in effect["groups"]
+        ]
+        found = [(name, ratio) for name, ratio in by_value if is_finite(ratio.get("ratio_low"))]
         parts = []
-        for group in others:
-            found = group.get("to_first", {}).get(best)
-            if found is None or not is_finite(found["ratio_low"]):
-                continue
-            low, high = found["ratio_low"], found["ratio_high"]
-            remark = "; not significant" if low <= 1.0 <= high else ""
-            parts.append(
-                f"{change(found['ratio'])} at {group['name']}{change_range((low, high), remark)}"
-            )
+        for name, ratio in found[1:]:
+            interval = ratio["ratio_low"], ratio["ratio_high"]
+            remark = "; not significant" if interval[0] <= 1.0 <= interval[1] else ""
+            parts.append(f"{change(ratio['ratio'])} at {name}{change_range(interval, remark)}")
         if parts:
+            first = found[0][0]
             lines.append(
-                f"{axis['name']}, drift of {best} against {first['name']}: {'; '.join(parts)}."
+                f"{axis['name']}, drift of {best} compared with {first}: {'; '.join(parts)}."
             )
     return lines
 

@@ -61,7 +61,7 @@ def test_tracks_that_rest_have_no_ratio() -> None:
 
 
 def test_tracks_that_spin_up_before_a_wall_are_a_stuck_robot() -> None:
-    found = by_name(*driven((500, 0.0, 0.0, 0.0), (20, 1.2, 1.2, 0.0)))
+    found = by_name(*driven((1000, 0.0, 0.0, 0.0), (20, 1.2, 1.2, 0.0)))
     assert found["sliding"].level == WARN
     assert "slower than its tracks" in found["sliding"].message
     assert found["stuck"].level == WARN

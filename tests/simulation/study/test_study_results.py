@@ -216,7 +216,7 @@ def test_notes_compare_the_values_of_each_axis_with_its_first(results):
     first, second = (group["name"] for group in noise["groups"])
     for found in noise["groups"][1]["to_first"].values():
         found |= {"ratio": 0.5, "ratio_low": 0.4, "ratio_high": 0.6}
-    expected = f"against {first}: 50 % less at {second} (95 %: 40 to 60 % less)."
+    expected = f"compared with {first}: 50 % less at {second} (95 %: 40 to 60 % less)."
     assert sum(expected in line for line in notes(changed)) == 1
 
 
