@@ -12,7 +12,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Indexes, Stamps
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.frames import relative
+from icreckon.estimator.base.frames import relative, rotate
 from icreckon.estimator.calibration.ground_forces import GroundForces
 from icreckon.estimator.log import lag as log_lag
 from icreckon.estimator.log.lag import Curve, NoLag
@@ -422,10 +422,8 @@ def _path(motion: Motion, robot: Robot, scale: float, difference: float) -> Seri
     # Shares of the left and the right track in the forward motion.
     sides = scale * (0.5 + 0.25 * difference * np.array([-1.0, 1.0]))
     forward = np.diff(distances, axis=0) @ sides - turned * indices.epsilon0
-    left = -turned * indices.zeta0
-    middle = 0.5 * (yaw[1:] + yaw[:-1])
-    cos, sin = np.cos(middle), np.sin(middle)
-    steps = np.stack([cos * forward - sin * left, sin * forward + cos * left], axis=-1)
+    moves = np.stack([forward, -turned * indices.zeta0], axis=-1)
+    steps = rotate(moves, 0.5 * (yaw[1:] + yaw[:-1]))
     places = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     return times, np.column_stack([places, yaw])
 
