@@ -7,9 +7,10 @@ from typing import Any
 import msgspec
 
 
-def json_types(data: Any) -> Any:
+def json_types(data: Any) -> dict[str, Any]:
     """Convert to JSON types: None for NaN and infinity, lists for tuples and arrays."""
-    return msgspec.json.decode(msgspec.json.encode(data, enc_hook=lambda array: array.tolist()))
+    encoded = msgspec.json.encode(data, enc_hook=lambda array: array.tolist())
+    return msgspec.json.decode(encoded, type=dict[str, Any])
 
 
 def flatten(data: dict[str, Any], table: str = "") -> dict[str, Any]:

@@ -25,7 +25,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.checks import Bounded, Latency, clipped_correlations
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.files import write_whole
-from icreckon.estimator.base.plain_data import flatten
+from icreckon.estimator.base.plain_data import flatten, json_types
 from icreckon.estimator.base.records import Count
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import MOST_MARKS
@@ -102,8 +102,7 @@ class SavedEstimator(Bounded, frozen=True):
 
 def robot_constants(robot: Robot) -> dict[str, Any]:
     """Content of a robot file that an estimator depends on, as JSON has it."""
-    data: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(robot))
-    return {key: value for key, value in data.items() if key not in UNUSED}
+    return {key: value for key, value in json_types(robot).items() if key not in UNUSED}
 
 
 def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
