@@ -5,8 +5,7 @@ of some 50 ms, the truth is averaged about the ends of segments (knots). Axes ar
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -83,6 +82,8 @@ class Recording:
     pair_knot: Indexes  # (p,) knot of each truth pose near a knot
     pair_pose: Indexes  # (p,) index of that pose in its log's truth
     paths: tuple[Series, ...]  # dead-reckoned path of each log: times (q,) [s], poses (q, 3)
+    # Results of `knots` by the bytes of the lags: most calls change other parameters.
+    _kept: dict[bytes, tuple[Floats, Floats, Floats]] = field(default_factory=dict, init=False)
 
     @property
     def cell(self) -> float:
@@ -127,17 +128,12 @@ class Recording:
         Returns:
             Position (k, 2) [m], mean rotation matrix (k, 2, 2) by the yaw, and yaw (k,) [rad].
         """
-        kept, key = self._kept_knots, lags.tobytes()
+        kept, key = self._kept, lags.tobytes()
         if key not in kept:
             if len(kept) == KEPT_KNOTS:
                 kept.clear()
             kept[key] = self._knots(lags)
         return kept[key]
-
-    @cached_property
-    def _kept_knots(self) -> dict[bytes, tuple[Floats, Floats, Floats]]:
-        """Results of `knots` by the bytes of the lags: most calls change other parameters."""
-        return {}
 
     def _knots(self, lags: Floats) -> tuple[Floats, Floats, Floats]:
         # Columns: x, y [m], cosine and sine of the yaw, yaw [rad].
