@@ -149,7 +149,7 @@ def perfect(motion: TrueMotion, scenario: Scenario, robot: Robot) -> Perfect:
     return Perfect(
         motion.mean_track_speeds(sample_times(duration, scenario.track_rate)),
         perfect_readings(motion, sample_times(duration, imu_rate), imu_rate, robot),
-        motion.poses_at(measured_pose_times(_fix_times(scenario), errors)),
+        motion.poses_at(measured_pose_times(fix_times(scenario), errors)),
     )
 
 
@@ -186,7 +186,7 @@ def measured(
     fixes = None
     if scenario.fix_rate > 0.0:
         fixes = with_fix_errors(
-            true.fixes, _fix_times(scenario), errors.fixes, scenario.outages, streams.fixes
+            true.fixes, fix_times(scenario), errors.fixes, scenario.outages, streams.fixes
         )
     name = f"{robot.name} {scenario.trajectory} seed {scenario.seed} run {run_index}"
     return Log(name, tracks, imu.series, fixes, truth), imu
@@ -203,7 +203,7 @@ def truth_of(motion: TrueMotion, times: Floats) -> Truth:
     )
 
 
-def _fix_times(scenario: Scenario) -> Floats:
+def fix_times(scenario: Scenario) -> Floats:
     """Arrival times of fixes, those in outages included [s]."""
     if scenario.fix_rate == 0.0:
         return sample_times(0.0, 1.0)[:0]  # no times

@@ -4,13 +4,12 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any
 
-Begin = Callable[..., None]
 STOPS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -55,20 +54,14 @@ def _postponed() -> Iterator[None]:
 
 
 @contextmanager
-def worker_processes(
-    count: int, begin: Begin | None = None, arguments: tuple[Any, ...] = ()
-) -> Iterator[ProcessPoolExecutor]:
-    """Open a pool of processes; kill them if the block raises, or this process dies.
-
-    Each process calls `begin` first, with `arguments`. Locks and shared memory must be among these: a
-    process can get them only as it starts.
-    """
+def worker_processes(count: int) -> Iterator[ProcessPoolExecutor]:
+    """Open a pool of processes; kill them if the block raises, or this process dies."""
     context = multiprocessing.get_context("spawn")
     # Nothing is ever sent: a worker that waits at `workers_end` exits when `own_end` is closed, as it is
     # when this process dies.
     workers_end, own_end = context.Pipe(duplex=False)
     children_before = multiprocessing.active_children()
-    pool = _Pool(count, context, _begin, (workers_end, begin, arguments))
+    pool = _Pool(count, context, _begin, (workers_end,))
     try:
         yield pool
     except BaseException:
@@ -84,11 +77,9 @@ def worker_processes(
         workers_end.close()
 
 
-def _begin(closes: Connection, begin: Begin | None, arguments: tuple[Any, ...]) -> None:
-    """Call `begin` in a worker that exits when its parent closes the pipe or dies."""
+def _begin(closes: Connection) -> None:
+    """Begin a worker that exits when its parent closes the pipe or dies."""
     threading.Thread(target=_exit_with_parent, args=(closes,), daemon=True).start()
-    if begin is not None:
-        begin(*arguments)
 
 
 def _exit_with_parent(closes: Connection) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Flags, Floats, Indexes
-from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.base.frames import rotate, wrap_angle
 from icreckon.estimator.calibration.models import THRESHOLD, Model, Parameter
 from icreckon.estimator.calibration.segments import Recording
 from icreckon.estimator.robot.robot_file import Robot
@@ -182,9 +182,8 @@ class Problem:
         """Rows (n, ROWS) by truth and IMU; headings and their error as from `heading`."""
         recording, rows = self.recording, np.zeros((len(heading), ROWS))
         body = self.body_places(values)
-        step_x, step_y = (body[recording.ends] - body[recording.starts]).T
-        cos, sin = np.cos(middle_of(heading)), np.sin(middle_of(heading))
-        rows[:, ALONG], rows[:, ACROSS] = cos * step_x + sin * step_y, -sin * step_x + cos * step_y
+        steps = body[recording.ends] - body[recording.starts]
+        rows[:, [ALONG, ACROSS]] = rotate(steps, -middle_of(heading))
         rows[:, SLIP], rows[:, YAW] = heading[:, -1] - heading[:, 0], apart
         if self.force:
             rates = np.diff(heading, axis=1) / recording.cell
@@ -202,11 +201,8 @@ class Problem:
         about_x, about_y = _mean_accelerations(rate, forward, left, self._marks, cell)
         offset_x = self._by_segment(values, "offset_forward")[:, None]
         offset_y = self._by_segment(values, "offset_left")[:, None]
-        turn = values[self.place("mounting_yaw")]
-        cos, sin = np.cos(turn), np.sin(turn)
-        x, y = np.moveaxis(self._imu_forces, -1, 0)
-        force_x = cos * x - sin * y - about_x[..., 0] - offset_x
-        force_y = sin * x + cos * y - about_y[..., 0] - offset_y
+        x, y = np.moveaxis(rotate(self._imu_forces, values[self.place("mounting_yaw")]), -1, 0)
+        force_x, force_y = x - about_x[..., 0] - offset_x, y - about_y[..., 0] - offset_y
         return np.concatenate([force_x, force_y], axis=1)
 
     @cached_property

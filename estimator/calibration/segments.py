@@ -5,14 +5,13 @@ of some 50 ms, the truth is averaged about the ends of segments (knots). Axes ar
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Indexes, Stamps
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.frames import relative
+from icreckon.estimator.base.frames import relative, rotate
 from icreckon.estimator.calibration.ground_forces import GroundForces
 from icreckon.estimator.log import lag as log_lag
 from icreckon.estimator.log.lag import Curve, NoLag
@@ -83,6 +82,8 @@ class Recording:
     pair_knot: Indexes  # (p,) knot of each truth pose near a knot
     pair_pose: Indexes  # (p,) index of that pose in its log's truth
     paths: tuple[Series, ...]  # dead-reckoned path of each log: times (q,) [s], poses (q, 3)
+    # Results of `knots` by the bytes of the lags: most calls change other parameters.
+    _kept: dict[bytes, tuple[Floats, Floats, Floats]] = field(default_factory=dict, init=False)
 
     @property
     def cell(self) -> float:
@@ -127,17 +128,12 @@ class Recording:
         Returns:
             Position (k, 2) [m], mean rotation matrix (k, 2, 2) by the yaw, and yaw (k,) [rad].
         """
-        kept, key = self._kept_knots, lags.tobytes()
+        kept, key = self._kept, lags.tobytes()
         if key not in kept:
             if len(kept) == KEPT_KNOTS:
                 kept.clear()
             kept[key] = self._knots(lags)
         return kept[key]
-
-    @cached_property
-    def _kept_knots(self) -> dict[bytes, tuple[Floats, Floats, Floats]]:
-        """Results of `knots` by the bytes of the lags: most calls change other parameters."""
-        return {}
 
     def _knots(self, lags: Floats) -> tuple[Floats, Floats, Floats]:
         # Columns: x, y [m], cosine and sine of the yaw, yaw [rad].
@@ -422,10 +418,8 @@ def _path(motion: Motion, robot: Robot, scale: float, difference: float) -> Seri
     # Shares of the left and the right track in the forward motion.
     sides = scale * (0.5 + 0.25 * difference * np.array([-1.0, 1.0]))
     forward = np.diff(distances, axis=0) @ sides - turned * indices.epsilon0
-    left = -turned * indices.zeta0
-    middle = 0.5 * (yaw[1:] + yaw[:-1])
-    cos, sin = np.cos(middle), np.sin(middle)
-    steps = np.stack([cos * forward - sin * left, sin * forward + cos * left], axis=-1)
+    moves = np.stack([forward, -turned * indices.zeta0], axis=-1)
+    steps = rotate(moves, 0.5 * (yaw[1:] + yaw[:-1]))
     places = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     return times, np.column_stack([places, yaw])
 

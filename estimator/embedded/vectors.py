@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from icreckon.estimator.log.input_checks import RANKS
+from icreckon.estimator.log.input_checks import key_of
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -35,7 +35,7 @@ def vectors_of(
         measurements: those that the filter in C takes, in any order.
     """
     estimator, rows = PoseEstimator(robot, variant.name), [HEADER]
-    ordered = sorted(measurements, key=lambda one: (one.stamp, RANKS[type(one)]))
+    ordered = sorted(measurements, key=key_of)
     for number, measurement in enumerate(ordered, 1):
         row = values_of(measurement)
         if row is None:

@@ -281,10 +281,9 @@ class Health:
 
     def sensor(self, name: str) -> SensorHealth:
         """Counts of one sensor; new ones if there are none yet."""
-        counts = self.sensors.get(name)
-        if counts is None:
-            counts = self.sensors[name] = SensorHealth()
-        return counts
+        if name not in self.sensors:
+            self.sensors[name] = SensorHealth()
+        return self.sensors[name]
 
     def finding(self, fault: str) -> Finding | None:
         """Newest finding of a fault by its name; None if the fault does not last."""

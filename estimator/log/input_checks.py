@@ -237,16 +237,10 @@ def _float(value: Any) -> float:
         return math.inf if value > 0 else -math.inf  # type: ignore[operator]
 
 
-def _three(values: Any) -> Vector3:
-    """Convert three numbers; a ValueError for more or fewer."""
+def _three(values: Any, convert: Callable[[Any], Any] = _float) -> tuple[Any, Any, Any]:
+    """Convert three numbers, or other values; a ValueError for more or fewer."""
     first, second, third = values
-    return _float(first), _float(second), _float(third)
-
-
-def _three_rows(rows: Any) -> Matrix3:
-    """Convert three rows of three numbers; a ValueError for more or fewer."""
-    first, second, third = rows
-    return _three(first), _three(second), _three(third)
+    return convert(first), convert(second), convert(third)
 
 
 # Allowed values and their conversion, by type of field.
@@ -254,7 +248,7 @@ CONVERTERS: dict[Any, tuple[str, Callable[[Any], Any]]] = {
     float: ("a number", _float),
     Vector3: ("three numbers", _three),
     Vector3 | None: ("three numbers", lambda values: None if values is None else _three(values)),
-    Matrix3: ("three rows of three numbers", _three_rows),
+    Matrix3: ("three rows of three numbers", lambda rows: _three(rows, _three)),
     Speeds: ("numbers", lambda values: tuple(map(_float, values))),
 }
 

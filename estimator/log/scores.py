@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Indexes, Stamps
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.frames import relative, wrap_angle
+from icreckon.estimator.base.frames import relative, rotate, wrap_angle
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
 
@@ -281,13 +281,11 @@ def _mean_velocity_errors(estimate: Trajectory, truth: PoseSeries) -> Floats:
 def _reckoned(estimate: Trajectory) -> PoseSeries:
     """Integrate the estimated twists from the origin: no jumps at fixes."""
     dt = np.diff(estimate.stamps)[:, None] * NANOSECOND
-    forward, left, turn = (0.5 * (estimate.twists[1:] + estimate.twists[:-1]) * dt).T
+    steps = 0.5 * (estimate.twists[1:] + estimate.twists[:-1]) * dt
     poses = np.zeros((len(estimate.stamps), 3))
-    poses[1:, 2] = np.cumsum(turn)
-    middle_yaw = poses[:-1, 2] + 0.5 * turn
-    cos, sin = np.cos(middle_yaw), np.sin(middle_yaw)
-    poses[1:, 0] = np.cumsum(cos * forward - sin * left)
-    poses[1:, 1] = np.cumsum(sin * forward + cos * left)
+    poses[1:, 2] = np.cumsum(steps[:, 2])
+    middle_yaw = poses[:-1, 2] + 0.5 * steps[:, 2]
+    poses[1:, :2] = np.cumsum(rotate(steps[:, :2], middle_yaw), axis=0)
     return PoseSeries(estimate.stamps, poses)
 
 

@@ -25,6 +25,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.checks import Bounded, Latency, clipped_correlations
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.files import write_whole
+from icreckon.estimator.base.plain_data import flatten, json_types
 from icreckon.estimator.base.records import Count
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import MOST_MARKS
@@ -85,7 +86,7 @@ class SavedEstimator(Bounded, frozen=True):
                 f"{source}: was saved by the variant {self.variant!r}, not {variant!r}; use that, or "
                 "start again"
             )
-        before, now = _leaves(self.robot), _leaves(robot_constants(robot))
+        before, now = flatten(self.robot), flatten(robot_constants(robot))
         # The name first: with another robot all other keys may differ.
         learnt_from = tuple(f"{key}." for key in LEARNT_FROM)
         keys = sorted({*before, *now}, key=lambda key: (key != "name", key))
@@ -101,8 +102,7 @@ class SavedEstimator(Bounded, frozen=True):
 
 def robot_constants(robot: Robot) -> dict[str, Any]:
     """Content of a robot file that an estimator depends on, as JSON has it."""
-    data: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(robot))
-    return {key: value for key, value in data.items() if key not in UNUSED}
+    return {key: value for key, value in json_types(robot).items() if key not in UNUSED}
 
 
 def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
@@ -180,16 +180,6 @@ def _from_plain(_kind: type, value: Any) -> Any:
 def _checksum(content: Any) -> str:
     """Checksum of the content as compact JSON, which is without line breaks."""
     return hashlib.sha256(msgspec.json.encode(content)).hexdigest()
-
-
-def _leaves(data: Any, path: str = "") -> dict[str, Any]:
-    """Values of nested tables by their joined keys, as "vehicle.mass"."""
-    if not isinstance(data, dict):
-        return {path: data}
-    leaves: dict[str, Any] = {}
-    for key, value in data.items():
-        leaves |= _leaves(value, f"{path}.{key}" if path else key)
-    return leaves
 
 
 def _readable(value: Any, indent: str = "") -> str:

@@ -4,9 +4,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import rotate
+from icreckon.estimator.robot.settings import FixWander
 
 CLEAR = 4.0  # standard deviations beyond which a fix contradicts the assumed start [-]
 SOON = 5.0  # longest time between the start and a heading that is used for the initial yaw [s]
@@ -30,11 +32,14 @@ class Start(NamedTuple):
 EXACT_ORIGIN = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-def align_path(path: Floats, fixes: Floats, sigma: float) -> Start | None:
+def align_path(
+    path: Floats, fixes: Floats, white_sigma: float, wander: FixWander, place: ArrayLike = (0, 0)
+) -> Start | None:
     """Fit a path rigidly to fixes; None if its yaw is not observable.
 
-    The path (n, 2) is that of dead reckoning at the stamps of the fixes (n, 2) [m], whose standard
-    deviation is `sigma` [m]. The result is the pose of the path's frame in that of the fixes.
+    The path (n, 2) is that of dead reckoning at the stamps of the fixes (n, 2) [m], whose white noise has
+    the standard deviation `white_sigma` [m]. The result is the pose of the path's frame in that of the
+    fixes; its sigmas are those at a place in the path's frame, x and y [m].
     """
     path_centre, fix_centre = path.mean(axis=0), fixes.mean(axis=0)
     path_offsets, fix_offsets = path - path_centre, fixes - fix_centre
@@ -44,9 +49,12 @@ def align_path(path: Floats, fixes: Floats, sigma: float) -> Start | None:
     (path_x, path_y), (fix_x, fix_y) = path_offsets.T, fix_offsets.T
     dot = float((path_offsets * fix_offsets).sum())
     yaw = math.atan2(float((path_x * fix_y - path_y * fix_x).sum()), dot)
-    yaw_sigma = sigma / extent + DRIFT
+    # The wander is common to all fixes: the mean over them does not reduce it.
+    yaw_sigma = math.hypot(white_sigma, math.sqrt(len(fixes)) * wander.sigma) / extent + DRIFT
     if yaw_sigma > KNOWN_HEADING:
         return None
     x, y = (fix_centre - rotate(path_centre, yaw)).tolist()
-    position_sigma = sigma + yaw_sigma * float(np.hypot(*path_centre))
+    # An error of the yaw moves the place by its distance from the fixes.
+    distance = float(np.hypot(*(place - path_centre)))
+    position_sigma = wander.at_start(white_sigma) + yaw_sigma * distance
     return Start((x, y, yaw), (position_sigma, position_sigma, yaw_sigma))

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from msgspec.structs import replace as replace_setting
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.frames import compose, relative, rotate, wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
@@ -82,7 +82,7 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     reckoned = poses[:, :2] + rotate(fixes.lever_arms[used, :2], poses[:, 2])
     measured = fixes.poses[used, :2]
     sigma = wander.at_start(white_sigma)
-    start = _start_by_path(reckoned, measured, white_sigma, wander)
+    start = align_path(reckoned, measured, white_sigma, wander)
     heading = _first_heading(log)
     if heading is not None:
         yaw, yaw_sigma = heading
@@ -101,21 +101,6 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
         return start
     agrees_with_origin = (np.abs(start.pose) / np.array(start.sigma) <= CLEAR).all()
     return EXACT_ORIGIN if agrees_with_origin else start
-
-
-def _start_by_path(
-    reckoned: Floats, measured: Floats, white_sigma: float, wander: FixWander
-) -> Start | None:
-    """Start by the path (n, 2) aligned with fixes (n, 2) [m]; None without its yaw."""
-    # The wander is common to all fixes: the mean over them does not reduce it.
-    fix_sigma = math.hypot(white_sigma, math.sqrt(len(measured)) * wander.sigma)
-    start = align_path(reckoned, measured, fix_sigma)
-    if start is None:
-        return None
-    # An error of the yaw moves the start by its distance from the fixes.
-    distance = float(np.hypot(*reckoned.mean(axis=0)))
-    position_sigma = wander.at_start(white_sigma) + start.yaw_sigma * distance
-    return start._replace(sigma=(position_sigma, position_sigma, start.yaw_sigma))
 
 
 def _first_heading(log: Log) -> tuple[float, float] | None:

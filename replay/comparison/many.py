@@ -184,8 +184,7 @@ def summarise_many(
         },
         "ratios": _ratios(scored, robots),
     }
-    cleaned: Results = json_types(results)
-    return cleaned
+    return json_types(results)
 
 
 def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:

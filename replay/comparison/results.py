@@ -121,8 +121,7 @@ def summarise(
         "variants": variants,
         "series": series_of(comparison, robot, headline) if series else {},
     }
-    cleaned: Results = json_types(results)
-    return cleaned
+    return json_types(results)
 
 
 def write_results(path: Path, results: Results) -> None:

@@ -86,8 +86,7 @@ def wheel_estimates(
         noise = float(np.sqrt(np.median(log.fixes.variances[:, 0]))) if len(places.stamps) else 0.0
         # Wander makes distances between fixes longer, and not the path that fits them.
         if (fit := fit_fixes(log, vertical)) is not None:
-            of_distance = fit.scale, source, track_ratio, fit.scale_sigma, track_sigma
-            return WheelEstimates(*of_distance)
+            return WheelEstimates(fit.scale, source, track_ratio, fit.scale_sigma, track_sigma)
     else:
         return WheelEstimates(None, "", track_ratio, track_sigma=track_sigma)
     ratio, sigma = _distance_ratio(log, vertical, places, noise, WINDOWS[source], straight)

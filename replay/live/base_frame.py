@@ -23,12 +23,13 @@ class BaseFrame:
     def __init__(self, offset: Pose = CENTRE) -> None:
         self._offset = np.array(offset, dtype=float)
         self._moves = any(offset)
+        # Rotation (3, 3) of x and y into the axes of the base frame.
+        self._turn = rpy_to_matrix(0.0, 0.0, -self._offset[2])
 
     def pose_in_odom(self, pose: Floats, covariance: Floats) -> tuple[Floats, Floats]:
         """Pose of the base frame in odom; the centre's is in the axes of its start."""
         placed, covariance = self.pose_in_map(pose, covariance)
-        turn = self._turn()
-        return relative(self._offset, placed), turn @ covariance @ turn.T
+        return relative(self._offset, placed), self._turn @ covariance @ self._turn.T
 
     def pose_in_map(self, pose: Floats, covariance: Floats) -> tuple[Floats, Floats]:
         """Pose of the base frame in map, and its covariance."""
@@ -39,7 +40,7 @@ class BaseFrame:
     def twist(self, twist: Floats, covariance: Floats) -> tuple[Floats, Floats]:
         """Twist of the base frame in its own axes, and its covariance."""
         x, y, _ = self._offset.tolist()
-        jacobian = self._turn() @ np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]])
+        jacobian = self._turn @ np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]])
         return jacobian @ twist, jacobian @ covariance @ jacobian.T
 
     def pose3d(self, pose: Pose3d, planar: Floats, covariance: Floats) -> Pose3d:
@@ -60,12 +61,12 @@ class BaseFrame:
     def twist3d(self, twist: Twist3d, planar: Floats, covariance: Floats) -> Twist3d:
         """Twist of the base frame with rates of roll and pitch; arguments as of `pose3d`."""
         linear = np.array([*planar[:2], 0.0])
-        angular = np.array([*(self._turn()[:2, :2] @ twist.angular[:2]), planar[2]])
+        angular = np.array([*(self._turn[:2, :2] @ twist.angular[:2]), planar[2]])
         return Twist3d(linear, angular, self._with_turned_tilt(twist.covariance, covariance))
 
     def _with_turned_tilt(self, full: Floats, planar: Floats) -> Floats:
         """Covariance (6, 6) with the planar part (3, 3) of the base frame."""
-        turn, turned = self._turn()[:2, :2], full.copy()
+        turn, turned = self._turn[:2, :2], full.copy()
         turned[3:5] = turn @ turned[3:5]
         turned[:, 3:5] = turned[:, 3:5] @ turn.T
         turned[PLANAR_BLOCK] = planar
@@ -80,9 +81,3 @@ class BaseFrame:
         """Convert a point from the estimator's frame to the base frame [m]."""
         forward, left, _ = relative(self._offset, (x, y, 0.0)).tolist()
         return (forward, left)
-
-    def _turn(self) -> Floats:
-        """Rotation (3, 3) of x and y into the axes of the base frame."""
-        rotation = np.eye(3)
-        rotation[:2, :2] = rotate(np.eye(2), -self._offset[2]).T
-        return rotation

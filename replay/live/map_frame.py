@@ -137,17 +137,13 @@ class MapFrame:
         path = reckoned[:, :2] + rotate(lever_arms, reckoned[:, 2])
         white_sigma = math.sqrt(float(np.median([waiting.variance for waiting in fixes])))
         wander = wander_of(odom.robot, odom.settings)
-        # Wander does not average out over the fixes, as white noise does.
-        fix_sigma = math.hypot(white_sigma, math.sqrt(len(fixes)) * wander.sigma)
         positions = np.array([(waiting.x, waiting.y) for waiting in fixes])
-        fitted = align_path(path, positions, fix_sigma)
+        fitted = align_path(path, positions, white_sigma, wander, odom.pose[:2])
         if fitted is None:
             return None
         x, y, yaw = compose(fitted.pose, odom.pose).tolist()
-        distance = float(np.hypot(*(odom.pose[:2] - path.mean(axis=0))))
-        sigma = wander.at_start(white_sigma) + fitted.yaw_sigma * distance
         self._waiting.clear()
-        return odom.restarted((x, y, yaw), (sigma, sigma, fitted.yaw_sigma))
+        return odom.restarted((x, y, yaw), fitted.sigma)
 
 
 def _agrees(heading: HeadingFix, pose: Floats, odom: PoseEstimator) -> bool:

@@ -22,6 +22,7 @@ from icreckon.estimator.streaming.lost import loss_kinds, reason_of
 from icreckon.simulation.base.sampling import sample_times, to_stamps
 from icreckon.simulation.running import streaming_engine as study_streaming
 from icreckon.simulation.scenario import Scenario, errors_of
+from icreckon.simulation.simulate import fix_times
 from icreckon.simulation.study.cells import Cell, Filter, Plan
 from icreckon.simulation.study.failures import RunScores, unscored
 from icreckon.simulation.study.statistics import (
@@ -98,14 +99,10 @@ def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> 
 
 def _stamps(scenario: Scenario) -> tuple[Stamps, Stamps, Stamps, Stamps]:
     """Stamps of track speeds, IMU, fixes and truth."""
-    duration = scenario.duration
-    fixes = np.zeros(0)
-    if scenario.fix_rate > 0.0:
-        fixes = sample_times(duration, scenario.fix_rate)
-        for start, end in scenario.outages:
-            fixes = fixes[(fixes < start) | (fixes > end)]
-    rates = scenario.track_rate, scenario.imu_rate
-    tracks, imu = (to_stamps(sample_times(duration, rate)) for rate in rates)
+    fixes, rates = fix_times(scenario), (scenario.track_rate, scenario.imu_rate)
+    for start, end in scenario.outages:
+        fixes = fixes[(fixes < start) | (fixes > end)]
+    tracks, imu = (to_stamps(sample_times(scenario.duration, rate)) for rate in rates)
     return tracks, imu, to_stamps(fixes), to_stamps(score_times(scenario))
 
 

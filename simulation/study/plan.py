@@ -13,6 +13,7 @@ import msgspec
 from icreckon.estimator.base.checks import Bound, is_finite
 from icreckon.estimator.base.config import convert, read_toml
 from icreckon.estimator.base.errors import nearest_hint
+from icreckon.estimator.base.plain_data import flatten
 from icreckon.estimator.log.scores import HORIZONS
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
@@ -240,15 +241,6 @@ def load_study(name_or_path: str | Path) -> Study:
         file = str(path.parent / study.scenario.trajectory_file)
         changes["scenario"] = msgspec.structs.replace(study.scenario, trajectory_file=file)
     return msgspec.structs.replace(study, **changes)
-
-
-def flatten(data: dict[str, Any], table: str = "") -> dict[str, Any]:
-    """Flatten nested tables to dotted keys, in their order."""
-    flat: dict[str, Any] = {}
-    for key, value in data.items():
-        path = f"{table}.{key}" if table else key
-        flat |= flatten(value, path) if isinstance(value, dict) else {path: value}
-    return flat
 
 
 def nest(flat: dict[str, Any]) -> dict[str, Any]:

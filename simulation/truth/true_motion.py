@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.first_order import first_order
-from icreckon.estimator.base.frames import compose
+from icreckon.estimator.base.frames import compose, rotate
 from icreckon.estimator.robot.robot_file import Indices, Slip, slip_components
 
 DEFAULT_SPREAD = 0.15
@@ -196,13 +196,9 @@ def integrate_twists(twists: Floats, step: float) -> Floats:
     exponential map of SE(2) of the fourth-order Magnus expansion: the integral of the twist plus the
     commutator of its two ends (Iserles et al., Lie-group methods, Acta Numerica 2000).
     """
-    forward, left, turn = displacements(twists, step).T
-    poses = np.zeros_like(twists)
-    x, y, yaw = poses.T
-    yaw[1:] = np.cumsum(turn)
-    cos, sin = np.cos(yaw[:-1]), np.sin(yaw[:-1])
-    x[1:] = np.cumsum(cos * forward - sin * left)
-    y[1:] = np.cumsum(sin * forward + cos * left)
+    moves, poses = displacements(twists, step), np.zeros_like(twists)
+    poses[1:, 2] = np.cumsum(moves[:, 2])
+    poses[1:, :2] = np.cumsum(rotate(moves[:, :2], poses[:-1, 2]), axis=0)
     return poses
 
 

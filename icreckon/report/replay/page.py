@@ -60,18 +60,13 @@ def replay_page(results: Results) -> str:
 
 def _scored(results: Results) -> list[Section]:
     """Sections of drift and other scores; without a truth, distances of variants."""
-    variants = results["variants"]
     if not results["truth"]:
         labels = _horizons_with(results, "apart_percent_{}_mean")
-        head = ["variant", *map(horizon_text, labels)]
-        rows = []
-        for name, scores in variants.items():
-            distances = [scores.get(f"apart_percent_{label}_mean") for label in labels]
-            rows.append((name, [Cell(number(distance)) for distance in distances]))
+        apart = [Column(horizon_text(label), f"apart_percent_{label}_mean", 2) for label in labels]
         caption = f"Distance from {results['reference_variant']}, % of the distance driven"
         note = f"{caption}, aligned at each segment's start."
         return [
-            ("How far apart per horizon", note, [Table("", head, rows)]),
+            ("How far apart per horizon", note, [_score_table(results, apart)]),
             ("Ends", "", [_score_table(results, DIFFERENCE_COLUMNS)]),
         ]
     # The first three columns are drifts, which have tables of their own.

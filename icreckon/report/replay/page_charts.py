@@ -163,18 +163,14 @@ def _error_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
     position: Chart = {"title": position_title, "y_label": "position [m]"}
     position |= {"floor": 0.0, "least": 1e-3}
     position["lines"] = [_line(name, position_key) for name in names]
-    sigmas = {name: f"{name}/position_sigma_m" for name in names}
-    known_sigmas = {name: sigma for name, sigma in sigmas.items() if known(columns[sigma])}
-    position["bands"] = [_band(name, sigma, 3.0) for name, sigma in known_sigmas.items()]
+    certain = [name for name in names if known(columns[f"{name}/position_sigma_m"])]
+    position["bands"] = [_band(name, "position_sigma_m", 3.0) for name in certain]
     yaw: Chart = {"title": yaw_title, "y_label": "yaw [deg]", "least": 0.01}
     yaw["lines"] = [_line(name, yaw_key, scale=DEGREES) for name in names]
-    yaw["bands"] = []
-    for name in names:
-        if known(columns[f"{name}/yaw_sigma_rad"]):
-            band = _band(name, f"{name}/yaw_sigma_rad", 3.0, scale=DEGREES)
-            # About zero for an error, about the yaw itself otherwise.
-            middle = f"{name}/yaw_rad" if yaw_key == "yaw_rad" else None
-            yaw["bands"].append(band | {"middle": middle})
+    # About zero for an error, about the yaw itself otherwise.
+    middle = yaw_key if yaw_key == "yaw_rad" else None
+    certain = [name for name in names if known(columns[f"{name}/yaw_sigma_rad"])]
+    yaw["bands"] = [_band(name, "yaw_sigma_rad", 3.0, middle, scale=DEGREES) for name in certain]
     return [common | position, common | yaw]
 
 
@@ -211,7 +207,7 @@ def _motion_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]
         # Height, roll and pitch have a sigma, as "z_sigma_m". The yaw's is in the chart of its errors.
         sigma = key.replace("_", "_sigma_")
         bands = [
-            _band(name, f"{name}/{sigma}", 2.0, scale=scale) | {"middle": f"{name}/{key}"}
+            _band(name, sigma, 2.0, key, scale=scale)
             for name in variants
             if sigma in variants[name] and key != "yaw_rad"
         ]
@@ -321,8 +317,7 @@ def _parameter_charts(results: Results, columns: dict[str, Numbers]) -> list[Cha
         for name in names:
             times = {"x": f"{name}/parameters/t_s"}
             lines.append(_line(name, parameter) | times)
-            band = _band(name, f"{name}/{parameter}/sigma", 2.0)
-            bands.append(band | times | {"middle": f"{name}/{parameter}"})
+            bands.append(_band(name, f"{parameter}/sigma", 2.0, parameter) | times)
         title = PARAMETER_TITLES.get(parameter, parameter)
         chart: Chart = {"place": "parameters", "title": title, "lines": lines, "bands": bands}
         chart["y_label"] = f"{parameter} [{unit(parameter)}]"
@@ -378,10 +373,12 @@ def _line(name: str, key: str, *, scale: float = 1.0) -> Results:
     return {"series": name, "x": "t", "y": f"{name}/{key}", "scale": scale}
 
 
-def _band(name: str, sigma: str, times: float, *, scale: float = 1.0) -> Results:
-    """Band of a variant about zero, to plus and minus `times` the column `sigma`."""
-    band: Results = {"series": name, "x": "t", "middle": None, "sigma": sigma}
-    return band | {"times": times, "scale": scale}
+def _band(
+    name: str, sigma: str, times: float, middle: str | None = None, *, scale: float = 1.0
+) -> Results:
+    """Band of a variant about zero or a column, to plus and minus `times` another one."""
+    columns = {"middle": middle and f"{name}/{middle}", "sigma": f"{name}/{sigma}"}
+    return {"series": name, "x": "t", **columns, "times": times, "scale": scale}
 
 
 def _labelled(label: str, column: str, colour: str) -> Results:
