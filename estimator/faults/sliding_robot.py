@@ -20,7 +20,7 @@ FORGETTING, GRAVITY_AVERAGING = 0.3, 2.0
 # Time over which speeds and forces are averaged [s]: stamps that jitter falsify speeds, not distances.
 AVERAGING = 0.05
 # Difference that is a slide: this [m/s], or this multiple of the robot's own root mean square.
-LEAST_SPEED, SIGMAS = 0.5, 8.0
+LEAST_SPEED, SIGMAS = 0.6, 8.0
 # The robot's own root mean square before it is known [m/s], the time for which this counts, and the
 # longest over which it is averaged [s].
 RMS_AT_START, TIME_AT_START, RMS_AVERAGING = 0.2, 2.0, 20.0

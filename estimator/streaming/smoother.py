@@ -82,16 +82,7 @@ def smooth(
     start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
     progress: Callable[[int], None] | None = None,
 ) -> Smoothing:
-    """Run one filter variant over a log, and smooth it.
-
-    Args:
-        log: the measurements; its truth is not used.
-        robot: the robot.
-        variant: name of a filter variant.
-        settings: settings of the pose estimator.
-        start: pose at the start: x, y [m], yaw [rad].
-        start_sigma: its standard deviations [m, m, rad].
-        progress: called from time to time with the stamp that the filter has reached [ns].
+    """Run one filter variant over a log, and smooth it; arguments are those of `run`.
 
     Raises:
         EstimatorError: no such variant, a log without track speeds, or considered states in `settings`.
