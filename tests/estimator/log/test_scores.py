@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from icreckon import PoseSeries, Trajectory, Truth, TwistSeries, drift, pose_nees, velocity_errors
+from icreckon import (
+    EstimatorError,
+    PoseSeries,
+    Trajectory,
+    Truth,
+    TwistSeries,
+    drift,
+    pose_nees,
+    velocity_errors,
+)
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.log.scores import path_length, without_fixes
 
@@ -190,3 +199,9 @@ def test_times_without_fixes():
     assert found == [(int(at(7.0)), int(at(40.0))), (int(at(40.0)), int(at(60.0)))]
     assert without_fixes(at([]), int(at(0.0)), int(at(60.0)), 10.0) == [(at(0.0), at(60.0))]
     assert without_fixes(at([]), int(at(0.0)), int(at(5.0)), 10.0) == []
+
+
+def test_a_horizon_is_positive() -> None:
+    path = PoseSeries(np.arange(3, dtype=np.int64) * 10**9, np.zeros((3, 3)))
+    with pytest.raises(EstimatorError, match="horizon must be a positive number of s"):
+        drift(path, path, -3.0)

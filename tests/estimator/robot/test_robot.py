@@ -136,3 +136,10 @@ def test_its_file_is_the_same_robot(name: str, tmp_path):
     assert again.vehicle.mass == pytest.approx(robot.vehicle.mass)
     assert again.log == robot.log
     assert again.slip.keys() == robot.slip.keys()
+
+
+@pytest.mark.parametrize(("mass", "gauge"), [(30_000.0, 0.5), (30.0, 0.05)])
+def test_a_mass_in_grams_or_a_gauge_in_other_units_is_refused(mass: float, gauge: float) -> None:
+    vehicle = {"mass": mass, "track_gauge": gauge, "sprocket_radius": 0.1}
+    with pytest.raises(EstimatorError, match=r"does not fit track_gauge = .* in grams"):
+        make_robot("heavy", vehicle=vehicle)

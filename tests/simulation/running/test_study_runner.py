@@ -160,6 +160,32 @@ def test_more_runs_are_added_to_those_that_are_there(tmp_path):
     assert contents(tmp_path / "undisturbed") == contents(tmp_path / "fresh")
 
 
+@pytest.mark.usefixtures("undisturbed")
+def test_fewer_runs_are_the_first_of_those_that_are_there(tmp_path, undisturbed):
+    fewer = msgspec.structs.replace(STUDY, runs=3)
+    run_study(fewer, tmp_path / "undisturbed", executor=Failing(0, AssertionError()))
+    run_study(fewer, tmp_path / "fresh", workers=1)
+    assert (
+        contents(tmp_path / "undisturbed")["runs.parquet"]
+        == contents(tmp_path / "fresh")["runs.parquet"]
+    )
+    # All runs are still there.
+    run_study(STUDY, tmp_path / "undisturbed", executor=Failing(0, AssertionError()))
+    assert contents(tmp_path / "undisturbed") == undisturbed
+
+
+def test_a_pilot_with_few_runs_can_be_extended(tmp_path):
+    pilot = msgspec.structs.replace(STUDY, runs=2, truths=20)
+    run_study(pilot, tmp_path / "a", workers=1)
+    run_study(msgspec.structs.replace(pilot, runs=6), tmp_path / "a", workers=1)
+
+
+def test_a_damaged_manifest_is_named(tmp_path, undisturbed):
+    (tmp_path / "undisturbed" / "manifest.json").write_text("{", encoding="utf-8")
+    with pytest.raises(SimulationError, match="holds a damaged manifest"):
+        run_study(STUDY, tmp_path / "undisturbed")
+
+
 def test_another_study_in_the_folder_is_refused_unless_it_may_be_thrown_away(tmp_path, undisturbed):
     folder = tmp_path / "undisturbed"
     other = msgspec.structs.replace(STUDY, seed=2)

@@ -103,7 +103,7 @@ def test_a_latin_hypercube_has_one_point_in_each_layer_of_each_range():
     assert all(axis.sampled for axis in plan.axes)
 
 
-def test_true_motions_are_as_many_as_runs_but_at_most_twenty_unless_told():
+def test_there_are_twenty_true_motions_unless_told():
     assert expanded(runs=5).cells[0].truths == 20
     assert expanded(runs=500).cells[0].truths == 20
     assert expanded(runs=500, truths=50).cells[0].truths == 50
@@ -275,3 +275,15 @@ def test_a_switch_gives_filters_the_noise_that_is_swept() -> None:
     (cell,) = expand(Study(name="told", sweep=own, filters_know_noise=True)).cells
     assert cell.filters[0].robot.imu.gyro_bias_sigma == 0.1
     assert cell.filters[0].robot.imu.gyro_noise_density == 1.7e-4
+
+
+def test_filters_that_know_the_noise_know_the_difference_of_the_scales() -> None:
+    sweep = Sweep(grid={"encoders.scale_difference_sigma": [0.03]})
+    (cell,) = expand(Study(name="told", sweep=sweep, filters_know_noise=True)).cells
+    assert cell.filters[0].robot.tracks.difference_sigma == 0.03
+
+
+def test_outage_and_outages_are_not_swept_together() -> None:
+    sweep = Sweep(grid={"outage": [20.0], "outages": [[[0.0, 40.0]]]})
+    with pytest.raises(SimulationError, match="outage and outages exclude each other"):
+        expand(Study(name="both", sweep=sweep))
