@@ -180,7 +180,8 @@ def test_a_pilot_with_few_runs_can_be_extended(tmp_path):
     run_study(msgspec.structs.replace(pilot, runs=6), tmp_path / "a", workers=1)
 
 
-def test_a_damaged_manifest_is_named(tmp_path, undisturbed):
+@pytest.mark.usefixtures("undisturbed")
+def test_a_damaged_manifest_is_named(tmp_path):
     (tmp_path / "undisturbed" / "manifest.json").write_text("{", encoding="utf-8")
     with pytest.raises(SimulationError, match="holds a damaged manifest"):
         run_study(STUDY, tmp_path / "undisturbed")
