@@ -66,7 +66,7 @@ class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """
 
         def latency(stream: str) -> float | None:
-            table: Any = robot.log.get(stream)
+            table: Any = robot.log.get(stream, robot.log.get("columns", {}).get(stream))
             return table.get("latency") if isinstance(table, dict) else None
 
         tracks, fixes, heading = latency("tracks"), latency("fixes"), latency("heading")

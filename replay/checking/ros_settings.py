@@ -18,6 +18,7 @@ from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries
 from icreckon.estimator.robot.robot_file import Robot, make_robot
+from icreckon.estimator.streaming.latencies import Latencies
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.checking import check
@@ -180,8 +181,7 @@ def _controller_lines(logs: Sequence[Log], robot: Robot, source: str, proposed: 
         f"    twist_covariance_diagonal: {_numbers(variances)}",
         "# robot_localization: fuse v_x and v_yaw of this odometry (not its pose) and v_yaw of the IMU.",
     ]
-    latency = robot.log.get("tracks", {}).get("latency", 0.0)
-    if latency:
+    if latency := Latencies.of(robot).tracks:
         lines.append(
             f"# Track speeds are stamped {latency:.3g} s late. No parameter here takes that off: let "
             "their driver restamp them."

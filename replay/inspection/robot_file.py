@@ -156,7 +156,7 @@ def _imu_lines(estimates: LogEstimates) -> list[str]:
     if mounting.accelerometer_noise_density:
         remark = "fast vibration; slow disturbances add to it"
         if has_tracks:
-            remark = "while driving, over 0.5 s, what the tracks do not explain"
+            remark = "residual after subtracting track acceleration (0.5 s mean)"
         noise = f"{mounting.accelerometer_noise_density:.2g}    # m/s²/√Hz, {remark}"
         lines.append(f"accelerometer_noise_density = {noise}")
     return [*lines, ""]

@@ -62,11 +62,11 @@ def _choice(stream: Evidence, agree: bool) -> Choice:
         return Choice("recording", "the messages have no header", by_default=False)
     if stream.constant:
         return Choice("recording", "all header stamps are the same", by_default=False)
-    size, side = abs(stream.offset), "after" if stream.offset > 0 else "before"
+    size, side = abs(stream.offset), "ahead of" if stream.offset > 0 else "behind"
     distance = f"{size / DAY:.1f} days" if size >= DAY else f"{size:.3f} s"
-    off = f"the header stamps are {distance} {side} the time of recording"
+    off = f"header stamps run {distance} {side} the times of recording"
     if size < SAME:
-        off = "the header stamps are the times of recording, to a millisecond"
+        off = "header and recording times agree within 1 ms"
     if agree or size <= CLOCKS_APART:
         return Choice("header", off, by_default=True)
-    return Choice("recording", f"{off}, and not those of all streams are", by_default=False)
+    return Choice("recording", f"{off}, those of other streams do not", by_default=False)

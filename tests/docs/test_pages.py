@@ -98,9 +98,9 @@ def test_a_log_without_track_speeds_is_told_so(tmp_path: Path) -> None:
     assert "Found: no track speeds: nothing here looks like them" in found.stdout
     assert "without them nothing can be replayed" in found.stderr
     assert "then: icreckon replay" not in found.stderr
-    assert "imu: header stamps; the header stamps are the times of recording" in found.stdout
+    assert "imu: header stamps; header and recording times agree" in found.stdout
     assert "-0.000" not in found.stdout
-    assert "tracks do not explain" not in (tmp_path / "robot.toml").read_text(encoding="utf-8")
+    assert "track acceleration" not in (tmp_path / "robot.toml").read_text(encoding="utf-8")
 
 
 def test_the_messages_that_are_explained_are_those_that_are_said() -> None:

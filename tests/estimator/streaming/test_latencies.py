@@ -69,6 +69,8 @@ def test_the_latencies_are_those_of_the_robot_file(robot: Robot) -> None:
         },
     )
     assert Latencies.of(given) == Latencies(tracks=0.2, position=0.1, heading=0.1)
+    of_table = msgspec.structs.replace(robot, log={"columns": {"tracks": {"latency": 0.2}}})
+    assert Latencies.of(of_table).tracks == 0.2
     assert Latencies.of(msgspec.structs.replace(robot, log={})).estimate_tracks
     with pytest.raises(EstimatorError, match=r"Latencies.tracks.*10 at most.*20"):
         Latencies(tracks=20.0)
