@@ -367,7 +367,7 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
         text = f"accelerations are {ratio:.3g}{error} times the changes of the track speeds"
         text += f" (suspensions explain 1.2){guess}"
     remedy = f"{name} = {value:g} in [{table}]"
-    if guess and has_track_rates(robot):
+    if guess.removeprefix(": ") in dict((*UNIT_ERRORS, *STATED_ERRORS)).values():
         remedy = f"the unit in [{mapped_table(robot, 'tracks')}], or else {remedy}"
     corrected = with_speeds(lambda speeds: ratio * speeds)
     yield check.contradicted(text, remedy, corrected, {f"{table}.{name}": value})
