@@ -326,8 +326,8 @@ class Reckoning:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""
         model, record = measurement_models.MODELS[type(m)], self.record
         if model.standing and is_hole(self._tracks, m.stamp, self._settings.hold):
-            # Where the robot drove, stale speeds hold up to here: it is not known when it stopped.
-            if self._tracks.left != 0.0:
+            # If it did not stand before, stale speeds hold up to here: when it stopped is not known.
+            if not record.stands:
                 self._advance(m.stamp)
             filter_record.take_track_speeds(record, m.stamp, 0.0, 0.0)
         # Predict ahead, within the step that the next IMU sample will end, or move to the stamp. A zero

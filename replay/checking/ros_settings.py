@@ -34,7 +34,7 @@ UNMEASURED = 1e3  # variance of motion that the wheels do not measure [m²/s², 
 WINDOW = 1.0  # windows in which odometry is compared with a truth [s]
 # Error of v_x and w without anything to compare with, as a share of their usual size [-].
 SHARE_FORWARD, SHARE_TURNING = 0.03, 0.2
-ANY_MASS = 50.0  # mass that a robot file must have, and these settings do not use [kg]
+ANY_MASS = 1.0  # mass that a robot file must have, and these settings do not use [kg]
 
 
 class TwistErrors(NamedTuple):

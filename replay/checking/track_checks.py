@@ -160,9 +160,9 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     spread = float(log.tracks.difference.std()) / effective_track(robot)
     ratio = float(vertical.std()) / spread if spread else 0.0
     lowest, highest = DEGREES
-    of_true_rate = _over_true(log, log.imu.stamps, vertical, 2)
+    is_apart = lowest < ratio < highest
     # Where the gyro agrees with a truth, `check_scale` names the unit of the tracks.
-    if lowest < ratio < highest and (of_true_rate is None or abs(of_true_rate) > lowest):
+    if is_apart and abs(_over_true(log, log.imu.stamps, vertical, 2) or math.inf) > lowest:
         in_log = f"{ratio:.0f} times the tracks' turning"
         problem = f"the gyro reads {ratio:.0f} times what the tracks turn: it is in deg/s"
         remedy, measured = 'rate_unit = "deg/s" in [log.imu]', Measured(ratio, "-", 1.0)

@@ -37,7 +37,7 @@ def manifest(plan: Plan, engine: Engine) -> Plain:
         "engine": engine.name,
         "block_runs": engine.block_runs,
         "runs": study.runs,
-        "truths": study.true_motions,
+        "truths": study.truths,
         "baseline": study.compared_with,
         "seeds": {"study": study.seed, "streams": SEEDING},
         "statistics": [statistic.name for statistic in statistics(study.horizons)],

@@ -25,15 +25,7 @@ UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.Bad
 FILES = "files"  # key of the manifest with the names of written files, for `--overwrite`
 # Most differences that a message lists; those of `UNLISTED` follow from others, or are harmless.
 MOST_LISTED = 4
-UNLISTED = (
-    "cells:",
-    "axes:",
-    "name:",
-    "configuration.name:",
-    "runs:",
-    "configuration.runs:",
-    "truths:",
-)
+UNLISTED = ("cells:", "axes:", "name:", "configuration.name:", "runs:", "configuration.runs:")
 Reasons = NDArray[np.str_]  # of failed runs, by filter and run; empty for the others
 
 
@@ -77,6 +69,8 @@ class BlockStore:
                 values, digest = np.array(data["values"]), str(data["digest"])
                 reasons = np.array(data["reasons"])
         except UNREADABLE:
+            return None
+        if values.ndim != 3 or reasons.ndim != 2:
             return None
         filters, count = self._shape
         values, reasons = values[:, : job.count], reasons[:, : job.count]

@@ -193,8 +193,8 @@ def _cell(
         settings = _aware_of_wander(spec.made_settings(), own_robot, scenario)
         assumptions(own_robot, find_variant(spec.variant), settings)  # raises if they do not fit
         filters.append(Filter(spec.label, spec.variant, own_robot, settings))
-    own = study.truths, study.horizons
-    return Cell(index, values, scenario, true_robot, tuple(filters), *own)
+    truths, horizons = study.truths, study.horizons
+    return Cell(index, values, scenario, true_robot, tuple(filters), truths, horizons)
 
 
 def _with_noise_of(robot: Robot, true_robot: Robot, scenario: Scenario) -> Robot:

@@ -287,7 +287,9 @@ def lag_text(truth: Results) -> str:
 
 def arm_text(results: Results) -> str:
     """Lever arm of the truth, and the variant whose it is: the best, or else the last."""
-    (x, y), (name, _) = results["truth"]["lever_arm_m"], found_faults(results)
+    x, y = results["truth"]["lever_arm_m"]
+    verdict = results["verdict"]
+    name = list(filtered(results))[-1] if verdict is None else verdict["best"]
     arm = f"lever arm of {x:.2f} m forward and {y:.2f} m left"
     return f"{arm} for {name}, other variants by their own"
 
