@@ -40,7 +40,7 @@ HIGHEST_GRID = 1000.0
 MOST_SAMPLES = 5e6
 HIGHEST_RATE = 1e4  # no such sensor samples more often [Hz]
 Rate = Annotated[
-    float, Bound("a positive number of Hz, 10000 at most", 0.0, HIGHEST_RATE, beyond=True)
+    float, Bound("a positive number of Hz, 10000 at most", 0.0, HIGHEST_RATE, above=True)
 ]
 # A track or index that is off by more than its own size is another robot.
 Spread = Annotated[float, Bound("from 0 to 1 (relative: 0.15 is 15 %)", 0.0, 1.0)]

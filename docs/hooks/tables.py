@@ -161,9 +161,9 @@ def accepted(kind: Any) -> str:
     added = "".join(re.findall(r" \(.*?\)", bound.wanted))
     least, most = _number(bound.least), _number(bound.most)
     if bound.most == math.inf:
-        text = f"{'>' if bound.beyond else '≥'} {least}"
+        text = f"{'>' if bound.above else '≥'} {least}"
     else:
-        text = f"> {least}, ≤ {most}" if bound.beyond else f"{least} to {most}"
+        text = f"> {least}, ≤ {most}" if bound.above else f"{least} to {most}"
     return ("whole number, " if "whole number" in bound.wanted else "") + text + added
 
 

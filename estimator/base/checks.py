@@ -30,32 +30,33 @@ def is_finite(value: object) -> bool:
         return False
 
 
-# Largest coordinate or standard deviation of a start [m, rad]: squares of it are far from overflow.
-LARGEST = 1e10
-# Size of the largest number of a file, and least positive one: no robot has others, and in squares and
-# ratios of these nothing overflows.
+# Largest coordinate or standard deviation of a start [m, rad]: its square is far from overflow.
+LARGEST_START = 1e10
+# Largest size and least positive value of a number in a file: no robot has others, and their squares and
+# ratios do not overflow.
 LARGEST_NUMBER, LEAST_POSITIVE = 1e9, 1e-12
 
 
 class Bound(NamedTuple):
     """Allowed numbers of a field, as `Annotated[float, Bound("at least 1 s", 1.0)]`.
 
-    Numbers beyond `LARGEST_NUMBER` in size are allowed by an upper bound only; where the lower bound is
-    zero, positive ones below `LEAST_POSITIVE` never are.
+    Without an upper bound, numbers of a size beyond `LARGEST_NUMBER` are rejected. With a lower bound of
+    zero, positive numbers below `LEAST_POSITIVE` are.
     """
 
     wanted: str  # description of them, for messages
     least: float = -math.inf  # lower bound
     most: float = math.inf  # upper bound
-    beyond: bool = False  # True to exclude the lower bound itself
+    above: bool = False  # numbers must be above the lower bound, not equal to it
 
     def require(self, name: str, value: object, error: type[Exception]) -> None:
         """Reject a value that is not an allowed finite number; `name` is for the message."""
-        # NaN: a placeholder of a new robot file.
-        if is_number(value) and value != value:
+        if is_number(value) and value != value:  # NaN, the placeholder in a new robot file
             raise error(f"{name} must be {self.wanted}, found nan: it is not filled in")
+        # All else that is not a finite number is compared as NaN, which lies within no bounds.
         number = float(value) if is_finite(value) else math.nan  # type: ignore[arg-type]
-        if not self.least <= number <= self.most or (self.beyond and number == self.least):
+        is_inside = self.least <= number <= self.most
+        if not is_inside or (self.above and number == self.least):
             raise error(f"{name} must be {self.wanted}, found {value!r}")
         limit = ""
         if abs(number) > LARGEST_NUMBER and self.most == math.inf:
@@ -67,14 +68,14 @@ class Bound(NamedTuple):
 
 
 Finite = Annotated[float, Bound("finite")]
-Positive = Annotated[float, Bound("a positive number", 0.0, beyond=True)]
+Positive = Annotated[float, Bound("a positive number", 0.0, above=True)]
 NotNegative = Annotated[float, Bound("zero or a positive number", 0.0)]
 # Size of a robot, and radius of its wheels [m].
 RobotSize = Annotated[
-    float, Bound("metres, more than 0 and 30 at most (not millimetres)", 0.0, 30.0, beyond=True)
+    float, Bound("metres, more than 0 and 30 at most (not millimetres)", 0.0, 30.0, above=True)
 ]
 Radius = Annotated[
-    float, Bound("metres, more than 0 and 5 at most (not millimetres)", 0.0, 5.0, beyond=True)
+    float, Bound("metres, more than 0 and 5 at most (not millimetres)", 0.0, 5.0, above=True)
 ]
 # Part of another quantity; the standard deviation of a factor [-].
 Share = Annotated[float, Bound("zero or a positive number, 100 at most", 0.0, 100.0)]
@@ -146,7 +147,7 @@ def require_kind(
 ) -> None:
     """Reject a value that is not an instance of a structure, nor None if `or_none`.
 
-    With `shown` False the message does not have the value, which may be long.
+    With `shown` False the message omits the value, which may be long.
     """
     if isinstance(value, kind) or (or_none and value is None):
         return
@@ -156,9 +157,9 @@ def require_kind(
 
 
 def require_nanoseconds(first: int, last: int, count: int) -> None:
-    """Reject 30 stamps or more from `first` to `last` [ns] that are below 1 µs apart.
+    """Reject `count` stamps from `first` to `last` [ns] if they are too dense.
 
-    Of 500 and more they are at least 25 µs apart: a driver may hand over fewer at once.
+    Mean intervals are at least 1 µs, or 25 µs of 500 stamps or more. Fewer than 30 may be a burst.
     """
     if count >= 30 and 0 < last - first < (25_000 if count >= 500 else 1000) * (count - 1):
         raise SettingError(
@@ -185,23 +186,24 @@ def three_numbers(
 
     Raises:
         SettingError: they are not three, or one is not a finite number, below `least`, or beyond
-            `LARGEST`; the message has their `name`, and `wanted`, their description.
+            `LARGEST_START`; the message has their `name`, and `wanted`, their description.
     """
-    # An array of no dimension is an Iterable by its type, but cannot be iterated over.
+    # An array without dimensions is an Iterable by its type, but cannot be iterated over.
     is_iterable = isinstance(value, Iterable) and getattr(value, "ndim", 1) > 0
     items: list[Any] = list(cast(Iterable[Any], value)) if is_iterable else []
     if len(items) != 3 or not all(is_finite(item) and item >= least for item in items):
         raise SettingError(f"{name} must be {wanted}, found {value!r}")
     x, y, yaw = (float(item) for item in items)
-    if max(abs(x), abs(y), abs(yaw)) > LARGEST:
-        raise SettingError(f"{name} must be {wanted}, none beyond {LARGEST:g}, found {value!r}")
+    if max(abs(x), abs(y), abs(yaw)) > LARGEST_START:
+        wanted = f"{wanted}, none beyond {LARGEST_START:g}"
+        raise SettingError(f"{name} must be {wanted}, found {value!r}")
     return x, y, yaw
 
 
 def clipped_correlations(covariance: Floats) -> Floats:
     """Correlations of a finite matrix with positive variances, clipped to -2 to 2.
 
-    So they are always finite, and those beyond 1 are still those of no covariance.
+    Clipped ones are finite, and still beyond the ±1 of a covariance.
     """
     sigmas = np.sqrt(covariance.diagonal())
     with np.errstate(over="ignore"):

@@ -12,7 +12,7 @@ from icreckon.estimator.base.frames import relative, rotate
 from icreckon.estimator.log.measurements import BodyVelocity
 from icreckon.estimator.log.series import PoseSeries
 
-A_SIGMA = Bound("a positive number [m/s]", 0.0, beyond=True)
+A_SIGMA = Bound("a positive number [m/s]", 0.0, above=True)
 # Time between two poses whose motion is a velocity: errors of poses and stamps count less in a longer
 # one, changes of the velocity more [ns].
 LEAST, LONGEST = round(0.08 / NANOSECOND), round(0.5 / NANOSECOND)

@@ -163,7 +163,7 @@ class Imu(Bounded, frozen=True):
     gyro_scale: Annotated[float, Bound("a positive number from 0.1 to 10", 0.1, 10.0)] = 1.0
     gyro_scale_sigma: SmallShare = 0.0
     gyro_bias: Annotated[float, Bound("a number of rad/s, 1 at most", -1.0, 1.0)] = 0.0
-    gyro_noise_density: Annotated[float, Bound(RATE_NOISE, 0.0, 1.0, beyond=True)] = 1e-3
+    gyro_noise_density: Annotated[float, Bound(RATE_NOISE, 0.0, 1.0, above=True)] = 1e-3
     gyro_bias_sigma: Annotated[float, Bound(RATE_NOISE, 0.0, 1.0)] = 0.01
     gyro_bias_walk: Annotated[float, Bound(RATE_NOISE, 0.0, 1.0)] = 1e-5
     accelerometer_noise_density: Positive = 0.02

@@ -30,7 +30,7 @@ LONGEST_TIME = 1e9  # largest valid time, thirty years [s]
 _PATIENCE = Bound("a time of 0 s or more", 0.0, LONGEST_TIME)
 _HISTORY = Bound(f"from 0 to {LONGEST_HISTORY:g} s", 0.0, LONGEST_HISTORY)
 _SOME_TIME = Bound(
-    f"a time of more than 0 s, and no more than {LONGEST_TIME:g} s", 0.0, LONGEST_TIME, beyond=True
+    f"a time of more than 0 s, and no more than {LONGEST_TIME:g} s", 0.0, LONGEST_TIME, above=True
 )
 
 

@@ -25,7 +25,7 @@ from icreckon.replay.mapping.geodesy import check_origin
 from icreckon.replay.mapping.track_units import COUNTER_UNITS, TrackUnit
 
 ClockOffset = Annotated[float, Bound("a time in seconds", -1e11, 1e11)]
-Wrap = Annotated[float, Bound("a positive number, 2**64 at most", 0.0, 2.0**64, beyond=True)]
+Wrap = Annotated[float, Bound("a positive number, 2**64 at most", 0.0, 2.0**64, above=True)]
 TimeUnit = Literal["s", "ms", "us", "ns"]
 AngleUnit = Literal["rad", "deg"]
 RateUnit = Literal["rad/s", "deg/s", "mdps"]

@@ -153,9 +153,7 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """
 
     time: tuple[float, float]
-    mass: Annotated[
-        float, Bound("a positive number of kg, 1e6 at most", 0.0, HEAVIEST, beyond=True)
-    ]
+    mass: Annotated[float, Bound("a positive number of kg, 1e6 at most", 0.0, HEAVIEST, above=True)]
     position: tuple[OnRobot, OnRobot, OnRobot] = (0.0, 0.0, 0.3)
 
     def __post_init__(self) -> None:
