@@ -29,12 +29,12 @@ from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 
 SEGMENT = 3.0  # length of a segment [s]
-SHORTEST, LONGEST = 1.0, 20.0  # limits of that length [s]
+SHORTEST_SEGMENT, LONGEST_SEGMENT = 1.0, 20.0  # limits of that length [s]
 LEAST_MOVED_SHARE = 0.02  # distance of a truth over that of the tracks, below which it stands [-]
-ALIKE, OTHER_UNIT = 0.8, 2.0
+CLEAR_CORRELATION, OTHER_UNIT_RATIO = 0.8, 2.0
 """Correlation of turning by gyro and truth that shows their ratio, and a ratio that no scale explains."""
-STEEP = 0.03  # slope from which headings by a path lean downhill: they show no gyro scale [rad]
-AGAINST = -0.3  # correlation of turning by gyro and truth, or tracks, that indicates a wrong sign
+STEEP_SLOPE = 0.03  # from here headings by a path lean downhill: they show no gyro scale [rad]
+OPPOSITE_CORRELATION = -0.3  # of a motion by gyro or tracks with the truth: one has the wrong sign
 
 
 def calibrate(
@@ -84,8 +84,8 @@ def calibrate(
     chosen = _in_order(models)
     if not logs:
         raise EstimatorError("no log to calibrate from; give one or more")
-    if not SHORTEST <= segment <= LONGEST:
-        limits = f"{SHORTEST:g} to {LONGEST:g} s"
+    if not SHORTEST_SEGMENT <= segment <= LONGEST_SEGMENT:
+        limits = f"{SHORTEST_SEGMENT:g} to {LONGEST_SEGMENT:g} s"
         raise EstimatorError(f"segments must be {limits} long, found {segment!r}")
     report_share = progress or (lambda _: None)
     _check_logs(logs, robot)
@@ -94,7 +94,7 @@ def calibrate(
     slopes = [
         0.0 if m.own_headings else ground_forces(m.log, robot, 1.0, 0.0).slope for m in motions
     ]
-    is_steep = max(slopes) > STEEP
+    is_steep = max(slopes) > STEEP_SLOPE
     held_always = frozenset({"gyro_scale"} if is_steep else ())
 
     def problem(name: str, recording: Recording) -> Problem:
@@ -147,16 +147,17 @@ def _first_fit(problem: Problem, held: frozenset[str]) -> Fit:
 
 
 def _recorded_again(recording: Recording, robot: Robot, first: Fit) -> Recording:
-    """Segments with the lags, biases, radii and ground forces of a first fit."""
+    """Cut logs again, with the lags, biases, radii and ground forces of a first fit."""
     scale, difference, latency = (first.value(name) for name in TRACK_PARAMETERS)
     fitted = as_fitted(robot, first)
-    with_mounting = with_common(fitted, first, first, [first], speeds_by_radius=True)
+    # The ground forces need the fitted mounting of the IMU.
+    mounted = with_common(fitted, first, radii=first, supported=[first], speeds_by_radius=True)
     motions = [
         replace(
             motion,
             lag=first.value(f"lag[{log}]"),
             bias=first.value(f"gyro_bias[{log}]"),
-            forces=ground_forces(motion.log, with_mounting, scale, latency),
+            forces=ground_forces(motion.log, mounted, scale, latency),
         )
         for log, motion in enumerate(recording.motions)
     ]
@@ -250,12 +251,12 @@ def _check_signs(problem: Problem) -> None:
         ("the gyro", by_gyro, "correct rotation_rpy_deg in [imu]: `icreckon inspect` proposes it"),
         ("the tracks", by_tracks, "left and right may be swapped in [log.tracks]"),
     ):
-        if _correlation(turning, by_truth) < AGAINST:
+        if _correlation(turning, by_truth) < OPPOSITE_CORRELATION:
             raise EstimatorError(f"{sensor} turned against the truth; {hint}")
     square = float(by_truth @ by_truth)
     ratio = float(by_gyro @ by_truth) / square if square > 0.0 else 1.0
-    is_ratio_known = _correlation(by_gyro, by_truth) >= ALIKE
-    if is_ratio_known and not 1.0 / OTHER_UNIT < ratio < OTHER_UNIT:
+    is_ratio_known = _correlation(by_gyro, by_truth) >= CLEAR_CORRELATION
+    if is_ratio_known and not 1.0 / OTHER_UNIT_RATIO < ratio < OTHER_UNIT_RATIO:
         raise EstimatorError(
             f"the gyro turns {ratio:.3g} times as far as the truth: one of them is in another unit "
             "(57.3: the gyro is in deg/s)"
@@ -264,7 +265,7 @@ def _check_signs(problem: Problem) -> None:
     # Residuals are truth less model.
     true_forward = problem.rows(problem.start)[moving][:, ALONG] + forward
     moves = np.abs(speeds.mean(axis=-1)).sum() > 0.0
-    if _correlation(true_forward, forward) < AGAINST and moves:
+    if _correlation(true_forward, forward) < OPPOSITE_CORRELATION and moves:
         raise EstimatorError(
             "the tracks drove against the truth; the sign of the track speeds, or the truth's yaw, is "
             "reversed"

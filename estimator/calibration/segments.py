@@ -136,7 +136,7 @@ class Recording:
         return kept[key]
 
     def _knots(self, lags: Floats) -> tuple[Floats, Floats, Floats]:
-        # Columns: x, y [m], cosine and sine of the yaw, yaw [rad].
+        # Weighted means at the knots: x, y [m], cosine and sine of the yaw, yaw [rad].
         means = np.zeros((len(self.knot_times), 5))
         for log, motion in enumerate(self.motions):
             own = self.knot_log[self.pair_knot] == log
@@ -144,12 +144,12 @@ class Recording:
             knot_times, stamped_times = self.knot_times[knot], motion.truth_times[pose]
             times = stamped_times - lags[log]
             carried = _carried_over(motion.truth[pose], times, knot_times, self.paths[log])
-            after = times - knot_times, stamped_times - motion.lag - knot_times
-            weight = _weights_at_knots(knot, *after, len(means))
+            after_initial = stamped_times - motion.lag - knot_times
+            weight = _weights_at_knots(knot, times - knot_times, after_initial, len(means))
             np.add.at(means, knot, weight[:, None] * carried)
         cos, sin = means[:, 2:4].T
-        turn = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], axis=1)
-        return means[:, :2], turn, means[:, 4]
+        rotation = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], axis=1)
+        return means[:, :2], rotation, means[:, 4]
 
 
 def _interpolated(wanted: Floats, times: Floats, values: Floats) -> Floats:
@@ -173,9 +173,9 @@ def _carried_over(poses: Floats, times: Floats, knot_times: Floats, path: Series
 def _weights_at_knots(knot: Indexes, after: Floats, after_initial: Floats, knots: int) -> Floats:
     """Weights (p,) of truth poses in the value at their knots.
 
-    Poses are `after` (p,) their knots [s]. The value at a knot is that of a line through its poses. If
-    most of them lie on one side of it, a line would amplify noise, and the value is their mean. The times
-    by the initial lag, `after_initial` (p,), decide: with the present lag the residuals would jump.
+    Poses are `after` (p,) their knots [s]. The value at a knot is that of a regression line of its poses.
+    If most of them lie on one side, a line would amplify noise, and it is their mean. `after_initial`
+    (p,), by the initial lag, decides which: by the present lag, residuals would jump as it changes.
     """
     poses_at, mean, variance = _moments(knot, after_initial, knots)
     has_line = (poses_at >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance)
