@@ -232,10 +232,10 @@ def measure_scatter(scatter: ScatterRecord) -> None:
 
 
 def steps_scatter(scatter: ScatterRecord, least: float) -> bool:
-    """Return True if most of the newest steps of the fixes are off the path's.
+    """Return True if most of the newest steps of the fixes differ from the path's.
 
-    The path may be turned and stretched so that one of its steps equals that of the fixes, or not at
-    all. A step is off if its squared residual is `least` times what is expected, see `steps_fit`.
+    The path is left as it is, or turned and stretched so that one of its steps equals that of the fixes.
+    A step differs if its squared residual is `least` times the expected one, see `steps_fit`.
     """
     first = max(1, scatter.laid - NEWEST_STEPS)
     if steps_fit(scatter, first, 1.0 + 0j, least):
@@ -243,7 +243,7 @@ def steps_scatter(scatter: ScatterRecord, least: float) -> bool:
     for k in range(first, scatter.laid):
         path, fixes = path_step(scatter, k), fix_step(scatter, k)
         if min(magnitude(path), magnitude(fixes)) > LEAST_DISTANCE:
-            # The complex factor that turns and stretches this step of the path to that of the fixes.
+            # Complex factor that turns and stretches this step of the path to that of the fixes.
             factor = fixes * path.conjugate() * (1.0 / squared_magnitude(path))
             if steps_fit(scatter, first, factor, least):
                 return False
@@ -269,41 +269,41 @@ def steps_fit(scatter: ScatterRecord, first: int, stretch: complex, least: float
 
 
 class ExpectedResiduals(NamedTuple):
-    """Residuals of aligned fixes that are expected by the path alone."""
+    """Expected residuals of aligned fixes with white errors, and with a random walk."""
 
-    # sum of squared successive differences over the sum of squares [-]: of white errors, of a walk
+    # sum of squared successive differences of the residuals over the sum of their squares [-]
     white_ratio: float
     walk_ratio: float
-    walk_square: float  # variance of a coordinate by a walk of 1 from fix to fix, by its residuals
+    walk_square: float  # residual variance of a coordinate over that of one step of the walk [-]
 
 
 def expected_residuals(scatter: ScatterRecord) -> ExpectedResiduals:
-    """Residuals that are expected of white errors and of a random walk.
+    """Compute the residuals that are expected of white errors and of a random walk.
 
-    The fit of `residual_spread` removes the mean, and a turn and stretch of the path. With levers l of
-    the places of the path about their mean, and n > 2 fixes, a unit error at fix j (white) leaves at k
+    The fit of `residual_spread` removes the mean, and a turn and stretch of the path. With n > 2 places
+    x + iy of the path, and l the places less their mean, an error of 1 at fix j (white) leaves at k
 
-        [k = j] - 1 / n - l_k l_j* / sum |l|²
+        (1 if k = j else 0) - 1 / n - l_k conj(l_j) / sum |l|²
 
-    and one from fix j on (walk) the sum of this over j and all later ones. Squares are summed over j, k.
+    and one from fix j on (walk) the sum of this over j and all later fixes. Squares are summed over j, k.
     """
     n, centre, extent = scatter.laid, 0j, 0.0
     for k in range(n):
         centre += path_at(scatter, k) * (1.0 / n)
     for k in range(n):
         extent += squared_magnitude(path_at(scatter, k) - centre)
-    # A shorter path shows no stretch.
+    # A shorter path shows neither turn nor stretch.
     inverse_extent = 1.0 / extent if extent > n * LEAST_DISTANCE**2 else 0.0
     white_squares = white_differences = walk_squares = walk_differences = 0.0
     walk_stretch = 0j
-    for source in range(n - 1, -1, -1):
-        white_stretch = (path_at(scatter, source) - centre).conjugate() * inverse_extent
+    for j in range(n - 1, -1, -1):
+        white_stretch = (path_at(scatter, j) - centre).conjugate() * inverse_extent
         walk_stretch += white_stretch
         white_before = walk_before = 0j
         for k in range(n):
             lever = path_at(scatter, k) - centre
-            white = (1.0 if k == source else 0.0) - 1.0 / n - lever * white_stretch
-            walk = (1.0 if k >= source else 0.0) - (n - source) / n - lever * walk_stretch
+            white = (1.0 if k == j else 0.0) - 1.0 / n - lever * white_stretch
+            walk = (1.0 if k >= j else 0.0) - (n - j) / n - lever * walk_stretch
             white_squares += squared_magnitude(white)
             walk_squares += squared_magnitude(walk)
             if k > 0:
