@@ -141,17 +141,18 @@ class Clones(msgspec.Struct, frozen=True):
     def updated(self, update: Updated, *, fixed: bool, inflation: float = 0.0) -> Clones:
         """Update with a scalar measurement, after the filter.
 
-        Poses stay if they are `fixed`. `inflation` is the share of their variances that is added.
+        Poses do not move if they are `fixed`. `inflation`, a share of their variances, covers rounding.
         """
-        z, h, c, K, S = update.z, update.h, update.cross, update.gain, update.S
-        own = self.cross @ h
+        z, S, state_gain = update.z, update.S, update.gain
+        with_innovation = self.cross @ update.h
         poses, covariance = self.poses, self.covariance
-        cross = self.cross - own[:, None] * K
+        # Valid for any gain of the state: with fixed states it is not the optimal `update.cross / S`.
+        cross = self.cross - with_innovation[:, None] * state_gain
         if not fixed:
-            own_gain = own / S
-            half = np.outer(own_gain, own - 0.5 * S * own_gain)
-            poses, covariance = poses + z * own_gain.reshape(-1, 3), covariance - (half + half.T)
-            cross -= np.outer(own_gain, c - S * K)
+            gain = with_innovation / S
+            half = np.outer(gain, with_innovation - 0.5 * S * gain)
+            poses, covariance = poses + z * gain.reshape(-1, 3), covariance - (half + half.T)
+            cross -= np.outer(gain, update.cross - S * state_gain)
         if inflation:
             covariance = covariance + inflation * np.diag(self.covariance.diagonal())
         return Clones(self.stamps, poses, cross, covariance)

@@ -43,7 +43,8 @@ def add_rejected(
 ) -> None:
     """Add a position fix: x, y [m], variance [m²]; the oldest of `MOST` is dropped.
 
-    Predicted are x and y [m]; `wandered` is the variance that the wander has gained since the last [m²].
+    `predicted` is its x and y by the filter [m], `wandered` the variance that the wander has gained since
+    the fix before [m²].
     """
     if rejected.count == MOST:
         for k in range(MOST - 1):
@@ -65,9 +66,9 @@ def relocate(
 ) -> bool:
     """Align a pose (3,) with the rejected fixes; return False if they do not fit.
 
-    The pose [m, m, rad] is changed in place, and the covariance (5, 5) of it and of a new wander of zero
-    is written. The pose is as far off as the fixes are: if these wander, with `wander_sigma` [m], the
-    wander's variance is added to its own, and the two are correlated.
+    The pose [m, m, rad] is changed in place, and the covariance (5, 5) of it and of the wander of the
+    fixes, which restarts at zero, is overwritten. An aligned pose has the present error of the fixes: if
+    they wander, with `wander_sigma` [m], that variance is added to its own, and the two are correlated.
     """
     fit = aligned_path(rejected)
     if not fit.fits:
@@ -77,6 +78,7 @@ def relocate(
     x, y = pose[0] - fit.x, pose[1] - fit.y
     turned_x, turned_y = cos * x - sin * y, sin * x + cos * y
     pose[0], pose[1], pose[2] = fit.to_x + turned_x, fit.to_y + turned_y, pose[2] + fit.turn
+    # Derivative of the pose by the turn.
     by_turn, wander_variance = (-turned_y, turned_x, 1.0), wander_sigma * wander_sigma
     covariance[:] = 0.0
     for i in range(3):
