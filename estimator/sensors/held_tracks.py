@@ -207,9 +207,9 @@ def is_hole(held: Clocked, stamp: int, hold: float) -> bool:
 def late_density(held: TrackRecord, start: int, end: int, settings: InputSettings) -> float:
     """Error density of the yaw rate by late track speeds, over a step [rad²/s].
 
-    The step is between two stamps [ns]. A speed is the mean of the interval before its stamp, and held
-    after it. At the middle of a step the yaw rate has changed since then, at one standard deviation.
-    Errors of steps count as independent. Of stale speeds `gap_density` has the error.
+    The step is between two stamps [ns]. A speed is the mean of the interval before its stamp, and is held
+    after it. So it is older than the middle of the step, and the change of the yaw rate since then counts
+    as one standard deviation, independent from step to step. For stale speeds see `gap_density`.
     """
     dt, held_for = (end - start) * NANOSECOND, (end - held.stamp) * NANOSECOND
     if held_for > settings.hold:
@@ -233,9 +233,9 @@ def count_distance(
 ) -> None:
     """Add the distances of the newest sample, of mean speeds since the one before.
 
-    Up to the estimate, at `start` [ns] or NEVER, the old speeds were held in their place: `behind` gets
-    the difference. Over a gap, longer than `hold_ns`, the new speeds count from the estimate on. The
-    sample before had the stamp `before` [ns], or NEVER, and the speeds `left` and `right` [m/s].
+    The estimate, at `start` [ns] or NEVER, used the old speeds: the distance that these missed goes to
+    `behind`. After a gap, longer than `hold_ns`, the new speeds count from the estimate on. The sample
+    before had the stamp `before` [ns], or NEVER, and the speeds `left` and `right` [m/s].
     """
     if held.counted_from != start:
         held.counted_from = start
@@ -253,7 +253,7 @@ def count_distance(
 def mean_speeds(held: TrackRecord, start: int, end: int, hold_ns: int) -> Vector3:
     """Mean speeds of the left and the right track between two stamps [ns] [m/s].
 
-    The third is that at which both make up for distance that was missing before the first stamp.
+    The third number is the speed that adds the distance `behind`, missed before the first stamp.
     """
     if held.stamp == NEVER or end <= start:
         left, right = speeds_at(held, start, hold_ns)
@@ -300,14 +300,14 @@ def stuck_density(track: Repeating, start: int, end: int, settings: InputSetting
 def unknown_density(since: int, start: int, end: int, settings: InputSettings) -> float:
     """Error density over a step of speeds that are unknown since a stamp [ns] [m²/s].
 
-    A random walk g b(t) of the speeds has an integral of variance g² T³ / 3, and so has a white
-    noise of density g² t². The sigma of the path is at most that of the fastest drive.
+    If a speed walks at random with density g², the variance of its distance after a time T is g² T³ / 3.
+    White noise of density g² t² gives the same. The distance is off by T times the fastest speed at most.
     """
     dt = (end - start) * NANOSECOND
     if dt <= 0.0:
         return 0.0
     from_age, to_age = max(0, start - since) * NANOSECOND, max(0, end - since) * NANOSECOND
-    # Mean growth of the squared age [s]; times the squared speed, that of the path's variance.
+    # Growth of T² over the step, per second [s], for this limit.
     square_growth = (to_age * to_age - from_age * from_age) / dt
     mean_square = (to_age * to_age * to_age - from_age * from_age * from_age) / (3.0 * dt)
     walk, fastest = settings.gap_acceleration, settings.fastest

@@ -238,10 +238,10 @@ class Reckoning:
         return np.column_stack([now, start, excitation.max(axis=0)])
 
     def slip_sigma(self, *, pushed: bool | None = None) -> Vector3:
-        """Standard deviation of the slip [m/s, m/s, rad/s]; `pushed` by inputs if None."""
+        """Standard deviation of the slip [m/s, m/s, rad/s], by `process_noise.slip_at`."""
         record = self.record
         eta = self.ekf.model.steering_efficiency(self.ekf.x[s.PARAMETERS])
-        if pushed is None:
+        if pushed is None:  # decided by the present inputs
             pushed = not record.stands and filter_record.may_be_pushed(record)
         factor = record.slip_factor
         return self._disturbances.slip_sigma(self._tracks, eta, pushed=pushed, factor=factor)

@@ -254,7 +254,7 @@ class _Tape:
     # --- backward --------------------------------------------------------------------------------
 
     def smoothed(self, filtered: Run) -> Run:
-        """Smooth a run with the recorded rows; consumes the tape, overwrites the filter."""
+        """Smooth a run backward over the tape; consumes the tape, overwrites the filter."""
         ekf = self._ekf
         ekf.observer = ekf.clones = None
         count, size = len(self._rows), self._size
@@ -266,7 +266,7 @@ class _Tape:
             while len(self._tape) > row.length:
                 adjoint, information = _back(self._tape.pop(), adjoint, information)
             P = np.zeros((size, size))
-            P[self._upper] = P.T[self._upper] = row.upper
+            P[self._upper] = P.T[self._upper] = row.upper  # both triangles
             smoothed_P = P - P @ information @ P
             ekf.x = np.append(filtered.states[index], row.wander) + row.delta - P @ adjoint
             ekf.P = 0.5 * (smoothed_P + smoothed_P.T)
@@ -276,9 +276,10 @@ class _Tape:
             ekf.model.recall(row.model_memory)
             model = ekf.evaluation(ekf, *row.speeds, WHOLE)
             twist_P = twist_covariance(model.jacobian, ekf.P, self._max_track_speed)
-            x, P = ekf.x[: s.SIZE], ekf.P[: s.SIZE, : s.SIZE]
+            # Rows are without the wander of the fixes.
+            x, row_P = ekf.x[: s.SIZE], ekf.P[: s.SIZE, : s.SIZE]
             stamp, indices = int(filtered.stamps[index]), model.motion.indices
-            rows.put(index, Snapshot(stamp, x, P, model.twist, twist_P, indices))
+            rows.put(index, Snapshot(stamp, x, row_P, model.twist, twist_P, indices))
         if count:
             poses, anchor = rows.arrays.states[:, s.POSE], min(self._row_of_fix, count - 1)
             poses[:] = unstretched(filtered.trajectory.poses, poses, anchor)
