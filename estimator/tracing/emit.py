@@ -41,23 +41,23 @@ def emit(module: Any, symbol: str, kernel: Kernel, width: int, bits: int = 64) -
 
 
 class _Emitter:
-    """Emitter of one kernel into a function."""
+    """Emitter of one kernel into a function, for numbers of an LLVM type (`number`)."""
 
     def __init__(self, function: Any, kernel: Kernel, width: int, number: Any) -> None:
-        self.function, self.kernel, self.width = function, kernel, width
-        self.number = number
-        self.vector = ir.VectorType(number, width)
-        self.truths = ir.VectorType(BOOL, width)
+        self.kernel, self.width, self.number = kernel, width, number
+        self.vector, self.truths = ir.VectorType(number, width), ir.VectorType(BOOL, width)
         self.builder = ir.IRBuilder(function.append_basic_block("begin"))
         self.pointers = dict(zip(ARRAYS, function.args, strict=True))
-        self.rows = dict(zip(ARRAYS, kernel.rows, strict=True))
-        self.values: dict[Traced, Any] = {}
-        self.written: set[tuple[str, int]] = set()
-        self.operations = 0
+        self.rows = dict(zip(ARRAYS, kernel.rows, strict=True))  # number of rows of each array
+        self.values: dict[Traced, Any] = {}  # emitted nodes
+        self.wide: dict[Traced, Any] = {}  # values of one number for all lanes, as vectors
+        self.loads: dict[
+            Traced, tuple[int, Any]
+        ] = {}  # operations // RELOAD_AFTER, and loaded value
+        self.written: set[tuple[str, int]] = set()  # arrays and rows that were stored
+        self.operations = 0  # number of emitted nodes
         self.in_loop = False
-        self.loads: dict[Traced, tuple[int, Any]] = {}
-        self.wide: dict[Traced, Any] = {}
-        self.align = width * (8 if number == ir.DoubleType() else 4)
+        self.align = width * (8 if number == ir.DoubleType() else 4)  # alignment of a row [bytes]
 
     def emit(self) -> None:
         """Emit the kernel: each number is stored as soon as it is computed."""
@@ -99,11 +99,12 @@ class _Emitter:
 
     def _load(self, node: Traced) -> Any:
         """Row of the workspace, which is loaded again after `RELOAD_AFTER` operations."""
-        epoch, value = self.loads.get(node, (-1, None))
-        current = self.operations // RELOAD_AFTER
-        if value is None or (epoch != current and node.extra not in self.written):
+        loaded_in, value = self.loads.get(node, (-1, None))
+        period = self.operations // RELOAD_AFTER
+        # A row that was stored has another number now.
+        if value is None or (loaded_in != period and node.extra not in self.written):
             value = self.builder.load(self._address(*node.extra), align=self.align)
-            self.loads[node] = current, value
+            self.loads[node] = period, value
         return value
 
     def _hide_pointers(self) -> None:
