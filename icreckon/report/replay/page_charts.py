@@ -183,7 +183,7 @@ def outages(results: Results) -> list[list[float]]:
 def _motion_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
     """Charts of pose, speed and yaw rate, with the truth where it is known."""
     series, variants = results["series"], results["series"]["variants"]
-    moved_yaws = _move_by_turns(results, columns)
+    shifted_yaws = _shift_by_turns(results, columns)
     charts = []
     for title, key, label, scale in (
         ("x in odom", "x_m", "x [m]", 1.0),
@@ -198,7 +198,7 @@ def _motion_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]
     ):
         lines = [_line(name, key, scale=scale) for name in variants if key in variants[name]]
         if key == "yaw_rad":
-            lines = [line | {"y": moved_yaws.get(line["series"], line["y"])} for line in lines]
+            lines = [line | {"y": shifted_yaws.get(line["series"], line["y"])} for line in lines]
         if key in series.get("truth", {}):
             lines.insert(0, _line(TRUTH, key, scale=scale) | {"width": 3})
         if not lines:
@@ -217,11 +217,11 @@ def _motion_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]
     return charts
 
 
-def _move_by_turns(results: Results, columns: dict[str, Numbers]) -> dict[str, str]:
-    """Move yaws by full turns to that of the truth, or else of the reference variant.
+def _shift_by_turns(results: Results, columns: dict[str, Numbers]) -> dict[str, str]:
+    """Shift yaws by full turns to that of the truth, or else of the reference variant.
 
     In a hole of the log, a filter may turn more or less often than the robot did. Adds a column for each
-    variant that moves; returns their names by variant.
+    variant whose yaw is shifted; returns the names of these columns by variant.
     """
     series, variants = results["series"], results["series"]["variants"]
     reference = series.get("truth") or variants[results["reference_variant"]]
@@ -230,9 +230,9 @@ def _move_by_turns(results: Results, columns: dict[str, Numbers]) -> dict[str, s
     for name, variant in variants.items():
         own = floats(variant["yaw_rad"])
         turns = np.round((target - own) / (2.0 * math.pi))
-        # Where the target is not known, the newest number of turns holds.
-        newest = np.maximum.accumulate(np.where(np.isfinite(turns), np.arange(len(turns)), 0))
-        turns = np.nan_to_num(turns[newest]) if len(turns) else turns
+        # Where the target is unknown (NaN), the last known number of turns holds, at first 0.
+        last_known = np.maximum.accumulate(np.where(np.isfinite(turns), np.arange(len(turns)), 0))
+        turns = np.nan_to_num(turns[last_known]) if len(turns) else turns
         if turns.any():
             column_names[name] = f"{name}/yaw_of_truth_rad"
             columns[column_names[name]] = rounded(own + 2.0 * math.pi * turns)

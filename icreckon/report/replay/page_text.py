@@ -15,8 +15,8 @@ from icreckon.report.printable import change, change_range
 CHECK_HINT = "icreckon check says what each of these costs, and what to set"
 
 NEES = ("nees_pose_mean", "nees_position_mean")
-# Share of the least drift from which noise of the truth is named; ratios of the errors at the end.
-MUCH_NOISE, CLEAR, TENFOLD = 0.4, 1.5, 10.0
+MUCH_NOISE = 0.4  # drift by noise of the truth over the least drift, from which it is reported
+CLEAR_RATIO, LARGE_RATIO = 1.5, 10.0  # largest error at the end over the least, if reported
 LEAST_END_ERROR = 1.0  # smaller errors at the end are not compared [m]
 
 
@@ -54,7 +54,7 @@ def holes_text(results: Results) -> str:
 
 
 def noise_text(results: Results) -> str:
-    """Drift by the noise of the truth, if much of the best variant's is that."""
+    """Drift that comes from noise of the truth, if that is much of the best variant's."""
     verdict, truth = results["verdict"], results["truth"]
     if not verdict or not truth:
         return ""
@@ -66,27 +66,22 @@ def noise_text(results: Results) -> str:
 
 
 def ends_text(results: Results) -> str:
-    """Position errors at the end, if they differ tenfold, or contradict the verdict."""
+    """Position errors at the end, if they contradict the verdict, or differ tenfold."""
     errors = _known(results["variants"], "final_position_error_m")
     best = str((results["verdict"] or {}).get("best"))
     if not errors:
         return ""
-    if (
-        errors.get(best)
-        == max(errors.values())
-        > max(LEAST_END_ERROR, CLEAR * min(errors.values()))
-    ):
+    ordered = sorted((error, name) for name, error in errors.items())
+    smallest, largest = ordered[0][0], ordered[-1][0]
+    if errors.get(best) == largest > max(LEAST_END_ERROR, CLEAR_RATIO * smallest):
         return (
             f"At the end {best} is the farthest off, {number(errors[best])} m: that is the error of the "
             "whole path; drift begins at zero in each segment."
         )
-    if max(errors.values()) < max(LEAST_END_ERROR, TENFOLD * min(errors.values())):
+    if largest < max(LEAST_END_ERROR, LARGE_RATIO * smallest):
         return ""
-    ordered = sorted((error, name) for name, error in errors.items())
-    least, largest = (
-        f"{name} is {number(error)} m off" for error, name in (ordered[0], ordered[-1])
-    )
-    return f"At the end the variants differ more: {least}, {largest}."
+    texts = [f"{name} is {number(error)} m off" for error, name in ordered]
+    return f"At the end the variants differ more: {texts[0]}, {texts[-1]}."
 
 
 def bias_text(results: Results) -> str:
