@@ -17,7 +17,7 @@ from icreckon.replay.estimates.gyro_bias import gyro_bias
 from icreckon.replay.estimates.wheels import GRAVITY, WRONG_GRAVITY, unit_of_gravity
 from icreckon.replay.inspection.robot_file import STANDING_BIAS_SIGMA
 
-# Smallest tilt of a mounting that is reported [deg], and that from which a mounting is another one.
+# Smallest tilt of a mounting that is reported, and that from which a mounting is another one [deg].
 LEAST_TILT, ANOTHER_MOUNTING = 5.0, 45.0
 # Mean speed of the robot as a share of that of its tracks, from which accelerations show its axes [-].
 LEAST_DRIVING = 0.3
@@ -27,7 +27,7 @@ LEVER = 0.3  # distance of the centre of turning from the robot's centre that is
 OFFSET_OF_GRAVITY = 0.3
 BIAS_SIGMAS = 2.5  # offset of gravity that the file's accelerometer_bias_sigma explains, in these
 LEAST_MG = 500.0  # mean specific force from which its unit is mg rather than g [m/s²]
-OTHER_NOISE = 3.0  # factor between noise densities that is reported [-]
+OTHER_NOISE = 3.0  # measured noise density over the file's that is reported [-]
 FEWEST_STILL = 20  # fewest pairs of neighbouring samples at standstill that show the noise
 
 
@@ -221,13 +221,13 @@ def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
 
 
 def check_noise(log: Log, robot: Robot) -> Iterator[Check]:
-    """Noise of the gyro at standstill."""
+    """Noise density of the gyro at standstill, by differences of neighbouring samples."""
     if log.imu is None or len(log.imu.stamps) < 2 or not imu_mounting.are_usable(log.tracks):
         return
     is_still = imu_mounting.standstill(log.tracks, log.imu.stamps)
     step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
-    is_long = float(is_still.sum()) * step >= imu_mounting.ENOUGH_STILL
-    if not is_long or (is_still[1:] & is_still[:-1]).sum() < FEWEST_STILL:
+    still_pairs = int((is_still[1:] & is_still[:-1]).sum())
+    if is_still.sum() * step < imu_mounting.ENOUGH_STILL or still_pairs < FEWEST_STILL:
         return
     vertical, _ = in_base(log.imu, robot)
     noise, stated = imu_mounting.density(vertical, is_still, step), robot.imu.gyro_noise_density

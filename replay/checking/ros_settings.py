@@ -56,11 +56,11 @@ def ros_settings(
 ) -> str:
     """Format settings for ROS as YAML, for logs that were read with this robot.
 
-    `source` is the origin of the effective track, for a comment. If it is `proposed`, it is that of the
-    logs, and the gauge stands in for one that nobody has measured. `corrected` names the quantities in
-    which the logs contradicted the robot file.
+    `source` is the origin of the effective track, for a comment. If `proposed`, the effective track is
+    measured from the logs, and the robot's gauge stands in for one that nobody has measured. `corrected`
+    names the quantities in which the logs contradicted the robot file.
     """
-    # In one line each, so that no name ends the comment.
+    # Without line breaks, which would end the comment.
     names = [" ".join(name.split()) for name in (robot.name, *(log.name for log in logs))]
     robot_name, log_names = names[0], ", ".join(names[1:])
     lines = [f"{ROS_FIRST_WORDS}, of {robot_name} on {log_names}. Every line is in SI units."]
@@ -94,7 +94,7 @@ def proposed_ros_settings(
         )
     has_no_gauge = math.isnan(vehicle["track_gauge"])
     if has_no_gauge:
-        # The gauge by which the controller computed its twist, or 1 m.
+        # A stand-in: the gauge by which the controller computed its twist, or 1 m.
         vehicle["track_gauge"] = tables.get("log", {}).get("tracks", {}).get("gauge", 1.0)
     if math.isnan(vehicle["mass"]):
         vehicle["mass"] = ANY_MASS
@@ -105,7 +105,7 @@ def proposed_ros_settings(
 
 def twist_errors(logs: Sequence[Log], robot: Robot) -> TwistErrors:
     """Estimate errors of wheel odometry with the effective track of a robot."""
-    # Without a gyro or a truth the errors are usual shares of the speeds.
+    # Without a gyro or a truth the errors are shares of the usual speeds.
     speeds = np.concatenate([log.tracks.speeds for log in logs] + [np.zeros((1, 2))])
     rates = (speeds[:, 1] - speeds[:, 0]) / check.effective_track(robot)
     forward = SHARE_FORWARD * float(np.sqrt(np.mean(speeds**2, axis=0)).mean())
@@ -148,7 +148,7 @@ def _forward_errors(log: Log, robot: Robot) -> Floats:
     edges, moved = motion
     forward, left, turned = moved.T
     seconds = np.diff(edges) * NANOSECOND
-    # The truth shows chords: the arc of this turning is longer by 1 / sinc.
+    # The truth shows chords: an arc is longer by 1 / sinc of half its angle.
     true_speed = np.hypot(forward, left) * np.sign(forward) / seconds
     true_speed /= np.sinc(turned / (2.0 * math.pi))
     times = (log.tracks.stamps - log.tracks.stamps[0]) * NANOSECOND
@@ -161,7 +161,7 @@ def _forward_errors(log: Log, robot: Robot) -> Floats:
 
 
 def _controller_lines(logs: Sequence[Log], robot: Robot, source: str, proposed: bool) -> list[str]:
-    """Parameters of the controller, and the latency of its speeds."""
+    """Lines of the controller's parameters, and the latency of its speeds."""
     errors, radius_difference = twist_errors(logs, robot), robot.tracks.difference
     tracks = topic_map(robot).track_keys
     scale = 1.0 if tracks is None or check.has_track_rates(robot) else tracks.scale
@@ -190,7 +190,7 @@ def _controller_lines(logs: Sequence[Log], robot: Robot, source: str, proposed: 
 
 
 def _imu_lines(samples: ImuSeries, robot: Robot) -> list[str]:
-    """Covariances for the driver of the IMU, and the transform of its mounting."""
+    """Lines of covariances for the IMU's driver, and of the transform of its mounting."""
     imu = robot.imu
     step = float(np.median(np.diff(samples.stamps))) * NANOSECOND
     rate_variance = imu.gyro_noise_density**2 / step
@@ -206,14 +206,13 @@ def _imu_lines(samples: ImuSeries, robot: Robot) -> list[str]:
         f"    angular_velocity_covariance_diagonal: {_numbers([rate_variance] * 3)}",
         f"    linear_acceleration_covariance_diagonal: {_numbers([force_variance] * 3)}",
         "# ros2 run tf2_ros static_transform_publisher --frame-id base_link --child-frame-id imu_link "
-        f"--x {x:g} --y {y:g} --z {z:g} "
-        f"--roll {roll:.5f} --pitch {pitch:.5f} --yaw {yaw:.5f}",
+        f"--x {x:g} --y {y:g} --z {z:g} --roll {roll:.5f} --pitch {pitch:.5f} --yaw {yaw:.5f}",
     ]
 
 
 def _separation(logs: Sequence[Log], robot: Robot, source: str) -> list[str]:
-    """Wheel separation and its multiplier."""
-    # The multiplier is that of the logs where they contradict the robot.
+    """Lines of the wheel separation and its multiplier."""
+    # Where the logs contradict the robot, the multiplier is measured from them.
     gauge, multiplier = robot.vehicle.track_gauge, robot.constant_indices.eta0
     measured = _measured_multipliers(logs, robot)
     comment = f"{source}; {_unknown(logs)}"
@@ -234,7 +233,7 @@ def _separation(logs: Sequence[Log], robot: Robot, source: str) -> list[str]:
 
 
 def _proposed_separation(logs: Sequence[Log], robot: Robot) -> list[str]:
-    """Effective wheel separation of logs, where nobody has measured the gauge."""
+    """Lines of the effective wheel separation, where nobody has measured the gauge."""
     measured = _measured_multipliers(logs, robot)
     if not measured:
         return [f"    # wheel_separation and its multiplier: {_unknown(logs)}."]
@@ -245,6 +244,7 @@ def _proposed_separation(logs: Sequence[Log], robot: Robot) -> list[str]:
             "    # wheel_separation_multiplier: that of the controller which made this odometry, times "
             f"{first.value:.4g}{first.error}, by the gyro of {which}"
         ]
+    # The product does not depend on the stand-in for the gauge.
     track = first.times(robot.vehicle.track_gauge)
     remark = f"m, effective{track.error}, by the gyro of this log"
     return [
@@ -255,13 +255,13 @@ def _proposed_separation(logs: Sequence[Log], robot: Robot) -> list[str]:
 
 
 def _measured_multipliers(logs: Sequence[Log], robot: Robot) -> list[check.Estimate]:
-    """Effective track over the gauge, of each log that shows it."""
+    """Effective track over the robot's gauge, of each log that shows it."""
     tracks = [check.measured_track(log, robot) for log in logs]
     return [track.times(1.0 / robot.vehicle.track_gauge) for track in tracks if track is not None]
 
 
 def _radius_lines(logs: Sequence[Log], robot: Robot) -> list[str]:
-    """Effective radius, by file and logs; nothing if track speeds are no rates."""
+    """Line of the effective radius; none if track speeds are not wheel rates."""
     if not check.has_track_rates(robot):
         return []
     radius = robot.vehicle.sprocket_radius
@@ -272,7 +272,7 @@ def _radius_lines(logs: Sequence[Log], robot: Robot) -> list[str]:
 
 
 def _evidence(logs: Sequence[Log], estimates: Sequence[check.Estimate]) -> str:
-    """Source (one for all) and values, such as "by the gyro of this log 0.62"."""
+    """Text of estimates from one source, such as "by the gyro of this log 0.62"."""
     values = ", ".join(f"{estimate.value:.4g}{estimate.error}" for estimate in estimates)
     which = "this log" if len(logs) == 1 else "these logs"
     return f"by the {estimates[0].source} of {which} {values}"
@@ -284,10 +284,10 @@ def _unknown(logs: Sequence[Log]) -> str:
 
 
 def _numbers(values: list[float]) -> str:
-    """List of YAML, to three digits."""
+    """List for YAML, to three digits."""
     return f"[{', '.join(_number(value, 3) for value in values)}]"
 
 
 def _number(value: float, digits: int = 4) -> str:
-    """Float to significant digits, with a point: to YAML 1.1, 1e3 is a text."""
+    """Number to significant digits, with a point: YAML 1.1 reads 1e3 as a text."""
     return str(np.format_float_positional(value, digits, fractional=False, trim="0", unique=False))

@@ -36,8 +36,8 @@ TWIST, INDICES = ("v_x_m_s", "v_y_m_s", "w_rad_s"), ("zeta_m", "epsilon_m", "eta
 def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
     """Decimate the time series; parameters and innovations have their own times.
 
-    Paths of all runs are those of the point that the variant `headline` calls base_link, errors those
-    against the truth by each run's own lever arm.
+    Each run has errors against a truth that is aligned by its own lever arm. Paths of all runs are those
+    of one point: base_link by the truth of the variant `headline`.
     """
     log = comparison.log
     first_run = next(iter(comparison.runs.values()))
@@ -67,11 +67,11 @@ def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
     return series
 
 
-def _true_columns(logged: Truth, shown: Truth, stamps: Stamps) -> Results:
-    """Truth at the stamps: poses of the shown, aligned one; twists, indices as logged."""
-    columns = _columns(POSE, true_poses_at(shown, stamps), DECIMALS)
-    if shown.poses.spatial is not None:
-        spatial = interpolate(shown.poses.stamps, shown.poses.spatial, stamps)
+def _true_columns(logged: Truth, aligned: Truth, stamps: Stamps) -> Results:
+    """Truth at the stamps: poses of the aligned truth, twists and indices as logged."""
+    columns = _columns(POSE, true_poses_at(aligned, stamps), DECIMALS)
+    if aligned.poses.spatial is not None:
+        spatial = interpolate(aligned.poses.stamps, aligned.poses.spatial, stamps)
         columns |= _columns(SPATIAL, spatial)
     if logged.twists is not None:
         rows = nearest_rows(logged.twists.stamps, stamps)

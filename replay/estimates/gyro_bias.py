@@ -30,12 +30,10 @@ class GyroBias(NamedTuple):
     value: float  # the bias [rad/s]
     sigma: float  # its standard error [rad/s]
     source: str  # "standstill", "truth" or "tracks"
-    walk: float = (
-        0.0  # its random walk, by a change over the standstills; 0 if none is clear [rad/s/√s]
-    )
+    walk: float = 0.0  # its random walk over the standstills; 0 if none is clear [rad/s/√s]
 
     def differs(self, expected: float, sigma: float = 0.0) -> bool:
-        """Return True if the bias is significantly not the expected one ± sigma [rad/s]."""
+        """Return True if the bias is significantly off the expected one ± sigma [rad/s]."""
         least = LEAST_BY_TRACKS if self.source == "tracks" else 0.0
         return abs(self.value - expected) > max(least, SURE * float(np.hypot(sigma, self.sigma)))
 
@@ -59,9 +57,9 @@ def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBia
 
 
 def _walk(stamps: Stamps, vertical: Floats, is_still: Flags) -> float:
-    """Random walk of the bias that changes as much as the means of the standstills do.
+    """Random walk that changes the bias as much as it changes over the standstills.
 
-    A line is fitted to them: a warm-up changes the bias steadily. 0 if its change is not clear.
+    A line is fitted to their means, since a warm-up changes the bias steadily. 0 if no change is clear.
     """
     stops = [slice(first, last + 1) for first, last in true_runs(is_still)]
     if len(stops) < FEWEST_STOPS:
@@ -79,8 +77,8 @@ def _walk(stamps: Stamps, vertical: Floats, is_still: Flags) -> float:
 def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
     """Estimate the bias of the gyro by the headings of a truth, or else by the tracks.
 
-    Turning by the gyro in windows is fitted by a bias times the window, plus a factor times each
-    reference. Arguments and result are those of `gyro_bias`.
+    Linear regression: the gyro's turning in a window is the bias times the window's length, plus a factor
+    times the turning of each reference. Arguments and result are those of `gyro_bias`.
     """
     tracks, imu = log.tracks, log.imu
     if imu is None or not imu_mounting.are_usable(tracks):
@@ -91,15 +89,9 @@ def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
     else:
         source, stamps = "tracks", tracks.stamps
         left, right = tracks.speeds.T
-        # Unequal radii turn the robot by a share of the distance.
+        # The sum counts, too: unequal radii turn the robot by a share of the distance.
         references = [running_integral(stamps, speeds) for speeds in (right - left, right + left)]
-    step = round(WINDOW / NANOSECOND)
-    edges = even_grid(max(stamps[0], imu.stamps[0]), min(stamps[-1], imu.stamps[-1]), step, stamps)
-    if len(edges) < 2 * BLOCKS:
-        return None
-    is_whole = np.diff(edges) == step
-    for times in (stamps, imu.stamps):
-        is_whole &= are_within(pieces(times, LARGEST_HOLE), times, edges[:-1], edges[1:])
+    edges, is_whole = _windows(stamps, imu.stamps)
     if is_whole.sum() < 2 * BLOCKS:
         return None
     turned = np.interp(edges, imu.stamps, running_integral(imu.stamps, vertical))
@@ -117,3 +109,13 @@ def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
 
     bias, sigma = jackknifed(fitted_bias, len(design))
     return GyroBias(bias, sigma, source) if sigma < UNSEEN_BIAS_SIGMA else None
+
+
+def _windows(stamps: Stamps, imu_stamps: Stamps) -> tuple[Stamps, Flags]:
+    """Edges (w + 1,) of windows [ns], and mask (w,) of those without a hole in either."""
+    step, begin = round(WINDOW / NANOSECOND), max(stamps[0], imu_stamps[0])
+    edges = even_grid(begin, min(stamps[-1], imu_stamps[-1]), step, stamps)
+    is_whole = np.diff(edges) == step
+    for times in (stamps, imu_stamps):
+        is_whole &= are_within(pieces(times, LARGEST_HOLE), times, edges[:-1], edges[1:])
+    return edges, is_whole

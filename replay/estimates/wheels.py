@@ -119,9 +119,8 @@ def _turning_ratio(log: Log, vertical: Floats) -> tuple[float | None, float | No
 def jackknifed(estimate: Callable[[NDArray[np.int_]], float], count: int) -> tuple[float, float]:
     """Estimate from `count` rows, and its standard error, by leaving out blocks."""
     rows = np.arange(count)
-    return estimate(rows), float(
-        jackknife_sigma(np.array(list(map(estimate, without_blocks(rows)))))
-    )
+    without = np.array([estimate(kept) for kept in without_blocks(rows)])
+    return estimate(rows), float(jackknife_sigma(without))
 
 
 def _distance_ratio(
