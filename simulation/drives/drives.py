@@ -82,8 +82,7 @@ def figure_eight(
     mean, half = speed * top, abs(turn) * top
     edge_s = blend_duration(2.0 * half)
     circle_s = np.pi * robot.vehicle.track_gauge * robot.indices.eta0 / half + EDGE_LOSS * edge_s
-    events = []
-    start = STANDSTILL
+    events, start = [], STANDSTILL
     side = 1.0 if turn > 0.0 else -1.0  # 1 for a circle to the left, -1 to the right
     while True:
         events.append((start, mean - side * half, mean + side * half))
@@ -104,7 +103,7 @@ def slalom(
     lowest: NotNegative = 0.05,
     highest: Positive = 0.25,
 ) -> Slalom:
-    """Slalom, left and right with rising frequency.
+    """Slalom, left and right in turn with rising frequency.
 
     Options:
         speed: mean speed as a share of max_track_speed.
@@ -114,7 +113,7 @@ def slalom(
         highest: frequency at the end [Hz].
     """
     top = robot.vehicle.max_track_speed
-    # Half of the acceleration is for the swing, half for the ramp of mean and swing together.
+    # Half of the acceleration is for the swing, half for the first ramp, to mean and swing together.
     limit = 0.5 * ACCELERATION / (2.0 * np.pi * max(lowest, highest))
     swing = float(np.clip(turn * top, -limit, limit))
     mean = speed * top
@@ -141,12 +140,15 @@ def random_driving(
     top = robot.vehicle.max_track_speed
 
     def draw() -> tuple[float, float]:
-        kind, mean, bend = rng.random(), rng.random(), rng.uniform(-1.0, 1.0)
-        if kind < stop:
+        # All three are drawn each time, so that one option does not change the others' numbers.
+        manoeuvre, quickness, bend = rng.random(), rng.random(), rng.uniform(-1.0, 1.0)
+        if manoeuvre < stop:
             return 0.0, 0.0
-        speed = -(0.1 + 0.3 * mean) if kind < stop + reverse else 0.15 + 0.7 * mean
-        half = bend * min(0.4, 1.0 - abs(speed))
-        return (speed - half) * top, (speed + half) * top
+        is_reverse = manoeuvre < stop + reverse
+        # Mean of the tracks and half of their difference, as shares of max_track_speed.
+        mean = -(0.1 + 0.3 * quickness) if is_reverse else 0.15 + 0.7 * quickness
+        half = bend * min(0.4, 1.0 - abs(mean))
+        return (mean - half) * top, (mean + half) * top
 
     return _random_blends(duration, rng, draw, hold)
 
@@ -180,7 +182,7 @@ def arcs(
     Options:
         speed: mean of the tracks as a share of max_track_speed; reduced if the outer track would
             exceed it.
-        tightest: smallest radius of the log-uniform ones [m].
+        tightest: smallest radius [m].
         widest: largest radius [m].
         hold: mean of the exponentially distributed time that an arc is held [s].
     """
@@ -188,7 +190,7 @@ def arcs(
     effective_gauge = robot.vehicle.track_gauge * robot.indices.eta0
 
     def draw() -> tuple[float, float]:
-        radius = tightest * (widest / tightest) ** rng.random()
+        radius = tightest * (widest / tightest) ** rng.random()  # log-uniform
         bend = 0.5 * effective_gauge / radius * (1.0 if rng.random() < 0.5 else -1.0)
         mean = speed * top / max(1.0, abs(speed) * (1.0 + abs(bend)))
         return mean * (1.0 - bend), mean * (1.0 + bend)
@@ -216,8 +218,7 @@ def stop_and_go(
     """
     top = robot.vehicle.max_track_speed
     ramp = blend_duration((abs(speed) + abs(turn)) * top)
-    events = []
-    start = STANDSTILL
+    events, start = [], STANDSTILL
     for half in cycle((0.0, turn, -turn)):
         if start > duration:
             break
@@ -231,9 +232,7 @@ def _random_blends(
     duration: float, rng: Generator, draw: Callable[[], tuple[float, float]], hold: float
 ) -> Blends:
     """Blends to drawn speeds, each held for an exponential time of mean `hold` [s]."""
-    events = []
-    start = STANDSTILL
-    before = (0.0, 0.0)
+    events, start, before = [], STANDSTILL, (0.0, 0.0)
     while True:
         target = draw()
         events.append((start, *target))

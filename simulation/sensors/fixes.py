@@ -12,8 +12,7 @@ from icreckon.estimator.log.series import FixSeries
 from icreckon.simulation.base.sampling import to_stamps
 from icreckon.simulation.truth.true_motion import gauss_markov
 
-# A fix without error still states a sigma of a millimetre (a milliradian): a log allows no variance
-# of zero.
+# Least sigma that a fix states, even without error: a log allows no variance of zero [m, rad].
 SMALLEST_FIX_SIGMA = 1e-3
 
 
@@ -26,7 +25,7 @@ class FixErrors(msgspec.Struct, frozen=True, kw_only=True):
         outlier_share: share of fixes that are outliers [-].
         outlier_sigma: standard deviation of the additional error of an outlier, in each coordinate
             [m]. The log states the variance of an ordinary fix for it.
-        latency: age of the pose that a fix measures, at its arrival and stamp [s].
+        latency: age of the measured pose when the fix arrives and is stamped [s].
         wander_sigma: standard deviation of the error that wanders, in each coordinate: a first-order
             Gauss-Markov process, in addition to `sigma` [m].
         wander_time: its correlation time [s].
@@ -58,22 +57,22 @@ def with_fix_errors(
 ) -> FixSeries:
     """Position fixes, with heading if its sigma is given, and none in an outage.
 
-    `poses` (n, 3) are the true ones at `measured_pose_times`, `times` (n,) those of arrival [s]. Outages
-    have start and end [s], both included. `rng` draws also the errors of the fixes lost in one.
+    `poses` (n, 3) are the true ones at `measured_pose_times`, `times` (n,) those of arrival, evenly
+    spaced [s]. Outages are from a start to an end [s]. Errors of the fixes lost in one are drawn, too.
     """
-    choices, sizes, wanders = rng.spawn(3)
+    outlier_rng, size_rng, wander_rng = rng.spawn(3)
     sigmas = np.array([errors.sigma, errors.sigma, errors.heading_sigma or 0.0])
     poses = poses + sigmas * rng.standard_normal(poses.shape)
-    outlying = choices.random(len(times)) < errors.outlier_share
-    excess = errors.outlier_sigma * sizes.standard_normal((len(times), 2))
-    poses[:, :2] += np.where(outlying[:, None], excess, 0.0)
+    is_outlier = outlier_rng.random(len(times)) < errors.outlier_share
+    excess = errors.outlier_sigma * size_rng.standard_normal((len(times), 2))
+    poses[:, :2] += np.where(is_outlier[:, None], excess, 0.0)
     if errors.wander_sigma > 0.0 and len(times):
-        step = float(times[1] - times[0]) if len(times) > 1 else 1.0  # a single fix has no step
-        unit = gauss_markov(len(times), step, errors.wander_time, wanders)
+        step = float(times[1] - times[0]) if len(times) > 1 else 1.0  # any, for a single fix
+        unit = gauss_markov(len(times), step, errors.wander_time, wander_rng)
         poses[:, :2] += errors.wander_sigma * unit[:, :2]
     if errors.heading_sigma is None:
         poses[:, 2] = np.nan
-    # Of a coordinate (y as x) and of yaw; an outlier states them too.
+    # One for both coordinates and one for yaw, of outliers too.
     stated_variances = np.maximum(sigmas[1:], SMALLEST_FIX_SIGMA) ** 2
     is_received = np.ones(len(times), dtype=bool)
     for start, end in outages:

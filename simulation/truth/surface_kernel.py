@@ -49,11 +49,11 @@ def look_up(
     under: TrackGround,
     slope: Floats,
 ) -> None:
-    """Look up friction, rolling resistance under each track, and slope at the origin.
+    """Look up the ground under each track, and the acceleration by slopes.
 
-    `patches` (k, PATCH_WIDTH): later ones lie on top of earlier ones, at a time since the start of the
-    run [s]. The pose is x, y [m], yaw [rad] in odom, `half_gauge` is L / 2 [m], `outside` the ground
-    outside all patches. `under` and `slope` (2,) [m/s²] are overwritten.
+    `patches` (k, PATCH_WIDTH): later ones lie on top of earlier ones. The time is since the start of the
+    run [s], the pose x, y [m], yaw [rad] in odom, `half_gauge` L / 2 [m]. `outside` is the ground outside
+    all patches. Results overwrite `under`, and `slope` (2,), which is taken at x, y [m/s²].
     """
     x, y, yaw = pose
     friction, rolling = under
@@ -64,8 +64,8 @@ def look_up(
             friction[track, axis] = outside.friction[track, axis]
     for patch in patches:
         for track in range(2):
-            side = half_gauge if track else -half_gauge
-            share = _cover(patch, time, x + side * np.sin(yaw), y - side * np.cos(yaw))
+            to_right = half_gauge if track else -half_gauge
+            share = _cover(patch, time, x + to_right * np.sin(yaw), y - to_right * np.cos(yaw))
             friction[track, 0] = _blend(friction[track, 0], patch[ACROSS], share)
             friction[track, 1] = _blend(friction[track, 1], patch[ALONG], share)
             rolling[track] = _blend(rolling[track], patch[ROLLING], share)
@@ -87,7 +87,7 @@ def gradient(surface: Surface, x: float, y: float) -> tuple[float, float]:
 
 @compiled
 def tilt(surface: Surface, patches: Floats, time: float, x: float, y: float) -> tuple[float, float]:
-    """Gradient at x, y [m] in odom; slopes of patches replace the surface's.
+    """Gradient at x, y [m] in odom, where slopes of patches replace the surface's.
 
     Patches are (k, PATCH_WIDTH); the time [s] is since the start of the run.
     """
@@ -214,7 +214,7 @@ def _normal(p_x: float, p_y: float) -> Vector:
 
 @compiled
 def _carry(vector: Vector, normal: Vector, other: Vector) -> Vector:
-    """Turn a vector square to a normal by the smallest rotation to another normal."""
+    """Turn a vector in a tangent plane by the smallest rotation between two normals."""
     share = -_dot(other, vector) / (1.0 + _dot(normal, other))
     (x, y, z), (n_x, n_y, n_z), (other_x, other_y, other_z) = vector, normal, other
     return x + share * (n_x + other_x), y + share * (n_y + other_y), z + share * (n_z + other_z)
@@ -261,5 +261,5 @@ def _inside(value: float, low: float, high: float, soft: float) -> float:
 
 @compiled
 def _blend(value: float, patch: float, share: float) -> float:
-    """Mix a value with that of a patch, by its weight; NaN keeps the value."""
+    """Mix a value with that of a patch by its weight; a patch of NaN keeps the value."""
     return value if np.isnan(patch) else value + share * (patch - value)
