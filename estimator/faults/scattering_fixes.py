@@ -29,9 +29,9 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, Count, Size, Stamp, zeros
 
 SHORTEST_INTERVAL = 1e-9  # least time between fixes that is divided by [s]
-# Most and fewest fixes that are aligned with the path, and time between two of them [s]: at first less,
-# this share of the time since the oldest.
-MOST_ALIGNED, FEWEST_ALIGNED, LEAST_INTERVAL, SHARE_OF_SPAN = 16, 4, 0.9, 0.25
+MOST_ALIGNED, FEWEST_ALIGNED = 16, 4  # limits of the number of fixes that are aligned with the path
+LEAST_INTERVAL = 0.9  # least time between two aligned fixes [s], but at first
+SHARE_OF_SPAN = 0.25  # this share of the time since the oldest is enough [-]
 FEWEST_IN_ORDER = 8  # number of fixes from which on the order of the residuals counts
 LONGEST_GAP = 15.0  # after a longer time without a fix, the path is no measure [s]
 # Error of a step of the path, as a share of it; after more than a second, times the number of seconds.
@@ -39,22 +39,20 @@ STEP_ERROR = 0.08
 # Number of the newest steps, most of which are off if fixes scatter. With 15 an error that wanders is
 # found too late, with 3 hardly (`scoreboard.py --parts healthy faults`).
 NEWEST_STEPS = 7
-# Variance of steps over the expected one, from which on fixes scatter, and from which on they still do;
-# of few fixes it must be larger. Median of squares of normal errors over their variance.
-FACTOR_FOUND, FACTOR_STILL, FACTOR_OF_FEW, MEDIAN_SQUARE = 4.0, 2.0, 12.0, 0.455
+FACTOR_FOUND, FACTOR_STILL = 4.0, 2.0  # variance of steps over the expected: scatter begins, ends
+FACTOR_OF_FEW = 12.0  # divided by (steps - 1)²: relative increase of both for few steps
+MEDIAN_SQUARE = 0.455  # median of the squares of normal errors over their variance
 # Sum of squares of second differences of residuals over that of differences, below which the robot
 # slides: it is 3 for white errors, 2 for those that walk, and about 1 for slides of some seconds.
 SLIDING_RATIO = 1.35
 REJECTED_IN_ROW = 3  # rejected fixes in a row that are no outliers
-# Likeness of an error to one that walks, 0 if it is white, 1 if it does: weight of a fix in its mean, its
-# value before there is any, that up to which an error is white, and that from which on it walks.
-LIKENESS_WEIGHT, LIKENESS_AT_START, WHITE_UP_TO, WALKS_FROM = 0.025, 0.4, 0.2, 0.55
-# Number of fixes over which the correlation of innovations is averaged, and from which on it counts.
-MOST_AVERAGED, FEWEST_AVERAGED = 100, 30
+# Likeness of errors to a random walk: 0 if they are white, 1 if they walk.
+LIKENESS_WEIGHT, LIKENESS_AT_START = 0.025, 0.4  # weight of a fix in its mean, and first value
+WHITE_UP_TO, WALKS_FROM = 0.2, 0.55  # likeness up to which errors are white, from which they walk
+MOST_AVERAGED, FEWEST_AVERAGED = 100, 30  # limits of the number of innovations in their correlation
 WANDER_TIME = 60.0  # assumed correlation time of an error that wanders [s]
-# Share of the variance that is kept from one fix to the next, if they scatter less; of an error that
-# walks the time until 1/e of it is left [s], since it is calm at times.
-KEPT_SHARE, KEPT_TIME = 0.85, 20.0
+KEPT_SHARE = 0.85  # share of the variance that is kept from fix to fix, if they scatter less [-]
+KEPT_TIME = 20.0  # for an error that walks: time until 1/e is left [s], since it is calm at times
 LEAST_DISTANCE = 0.1  # least distance on which the path shows a stretch [m]
 # Room for the fixes that are aligned with the path, and for those that wait.
 ROOM = MOST_ALIGNED + REJECTED_IN_ROW

@@ -17,37 +17,37 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.records import zeros
 from icreckon.estimator.log.measurements import Vector3
 
-FEWEST, MOST = 5, 64  # least number of rejected fixes, and most that are kept
+FEWEST_REJECTED, MOST_KEPT = 5, 64  # least number of rejected fixes, and most that are kept
 # Largest standard deviation of the turn [rad], and least turn, in such standard deviations; otherwise a
 # shift is enough.
 LARGEST_TURN_SIGMA, LEAST_TURN_SIGMAS = 0.3, 4.0
 # Largest mean square of the residuals: multiple of the variance of the fixes, plus the square of a share
 # of the path's extent, for its drift.
 LARGEST_VARIANCE_FACTOR, LARGEST_WARP = 4.0, 0.05
-OfRejected = Annotated[list[float], msgspec.Meta(min_length=MOST, max_length=MOST)]
+OfRejected = Annotated[list[float], msgspec.Meta(min_length=MOST_KEPT, max_length=MOST_KEPT)]
 
 
 class RejectedRecord(msgspec.Struct):
     """Position fixes that were rejected since one was used, oldest first."""
 
-    count: Annotated[int, msgspec.Meta(ge=0, le=MOST)] = 0  # their number
-    x: OfRejected = zeros(MOST)  # measured [m]
-    y: OfRejected = zeros(MOST)  # measured [m]
-    variance: OfRejected = zeros(MOST)  # of each coordinate about those of the first one [m²]
-    predicted_x: OfRejected = zeros(MOST)  # predicted [m]
-    predicted_y: OfRejected = zeros(MOST)  # predicted [m]
+    count: Annotated[int, msgspec.Meta(ge=0, le=MOST_KEPT)] = 0  # their number
+    x: OfRejected = zeros(MOST_KEPT)  # measured [m]
+    y: OfRejected = zeros(MOST_KEPT)  # measured [m]
+    variance: OfRejected = zeros(MOST_KEPT)  # of each coordinate, relative to the first fix [m²]
+    predicted_x: OfRejected = zeros(MOST_KEPT)  # predicted [m]
+    predicted_y: OfRejected = zeros(MOST_KEPT)  # predicted [m]
 
 
 def add_rejected(
     rejected: RejectedRecord, fix: Vector3, predicted: Vector3, wandered: float
 ) -> None:
-    """Add a position fix: x, y [m], variance [m²]; the oldest of `MOST` is dropped.
+    """Add a position fix: x, y [m], variance [m²]; keep the newest `MOST_KEPT`.
 
     `predicted` is its x and y by the filter [m], `wandered` the variance that the wander has gained since
     the fix before [m²].
     """
-    if rejected.count == MOST:
-        for k in range(MOST - 1):
+    if rejected.count == MOST_KEPT:
+        for k in range(MOST_KEPT - 1):
             rejected.x[k], rejected.y[k] = rejected.x[k + 1], rejected.y[k + 1]
             rejected.variance[k] = rejected.variance[k + 1]
             rejected.predicted_x[k] = rejected.predicted_x[k + 1]
@@ -125,7 +125,7 @@ def aligned_path(rejected: RejectedRecord) -> Alignment:
         extent += path_x * path_x + path_y * path_y
         along += path_x * fix_x + path_y * fix_y
         across += path_x * fix_y - path_y * fix_x
-    if count < FEWEST or extent <= 0.0:
+    if count < FEWEST_REJECTED or extent <= 0.0:
         return no_fit
     turn = math.atan2(across, along)
     cos, sin = math.cos(turn), math.sin(turn)

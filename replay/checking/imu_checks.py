@@ -21,12 +21,12 @@ from icreckon.replay.inspection.robot_file import STANDING_BIAS_SIGMA
 LEAST_TILT, ANOTHER_MOUNTING = 5.0, 45.0
 # Mean speed of the robot as a share of that of its tracks, from which accelerations show its axes [-].
 LEAST_DRIVING = 0.3
-FEWEST = 20  # fewest track speeds that show anything
-LEVER = 0.3  # distance of the centre of turning from the robot's centre that is usual [m]
+FEWEST_SPEEDS = 20  # fewest track speeds that show anything
+USUAL_LEVER = 0.3  # distance of the centre of turning from the robot's centre that is usual [m]
 # Relative error of the mean specific force up to which no unit, but scale or offset explains it [-].
 OFFSET_OF_GRAVITY = 0.3
 BIAS_SIGMAS = 2.5  # offset of gravity that the file's accelerometer_bias_sigma explains, in these
-LEAST_MG = 500.0  # mean specific force from which its unit is mg rather than g [m/s²]
+LEAST_IN_MG = 500.0  # mean specific force from which its unit is mg rather than g [m/s²]
 OTHER_NOISE = 3.0  # measured noise density over the file's that is reported [-]
 FEWEST_STILL = 20  # fewest pairs of neighbouring samples at standstill that show the noise
 
@@ -34,13 +34,13 @@ FEWEST_STILL = 20  # fewest pairs of neighbouring samples at standstill that sho
 def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
     """Report too few track speeds, absurd rates, and an IMU that is missing or stops."""
     count = len(log.tracks.stamps)
-    if count < FEWEST:
+    if count < FEWEST_SPEEDS:
         problem = f"the log has {count} track speeds: too few to check anything"
         remedy = "the topic in [log.tracks]; icreckon inspect lists those of the log"
         if count:
             remedy = "a log of half a minute or more, with bends"
         yield Check("track speeds", "a log", f"{count} samples", problem, remedy)
-    elif log.imu is not None and len(log.imu.stamps) >= FEWEST:
+    elif log.imu is not None and len(log.imu.stamps) >= FEWEST_SPEEDS:
         span = imu_span(log)
         if span is not None:
             first, last, text = span
@@ -84,7 +84,7 @@ def check_gravity(log: Log, robot: Robot) -> Iterator[Check]:
         force = np.asarray(log.imu.linear_acceleration) * (GRAVITY / size) if has_gravity else None
         return replace(log, imu=replace(log.imu, linear_acceleration=force)), robot
 
-    unit = "mg" if size > LEAST_MG else "g"
+    unit = "mg" if size > LEAST_IN_MG else "g"
     remedy = f'acceleration_unit = "{unit}" in [log.imu], where the driver publishes {unit}'
     if abs(size - GRAVITY) <= OFFSET_OF_GRAVITY * GRAVITY:
         remedy = "the accelerometer's scale or offset: calibrate it, or scale it in the driver"
@@ -118,7 +118,7 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
     check = Check(MOUNTING, in_file, in_log, measured=Measured(tilt, "deg", 0.0))
     # The mean force also holds the centripetal force, of the IMU's lever arm and of driving bends.
     forward, left, _ = robot.imu.position
-    centripetal = float(np.mean(rate**2)) * (math.hypot(forward, left) + LEVER)
+    centripetal = float(np.mean(rate**2)) * (math.hypot(forward, left) + USUAL_LEVER)
     if imu_mounting.are_usable(log.tracks):
         speed = np.interp(log.imu.stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
         centripetal += abs(float(np.mean(speed * rate)))

@@ -16,8 +16,8 @@ from icreckon.replay.reading.clocks import UsedClock
 from icreckon.replay.reading.stream import NAN, RowReader, Rows, Stream
 
 LONGEST_INTERPOLATION = 1.0  # longest interval over which poses are interpolated [s]
-WIDTH = 7
-STAYS = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # transform of a frame to itself
+ROW_WIDTH = 7  # x, y, z, q_x, q_y, q_z, q_w
+IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # transform of a frame to itself
 
 Link = tuple[str, str]
 
@@ -113,7 +113,7 @@ class TransformStream(Stream):
             first = len(rows.stamped)
             if age is not None:
                 first = int(np.searchsorted(np.array(rows.stamped), newest - age))
-            del rows.recorded[:first], rows.stamped[:first], rows.values[: first * WIDTH]
+            del rows.recorded[:first], rows.stamped[:first], rows.values[: first * ROW_WIDTH]
             if not rows.stamped:
                 del self._links[link]
         self._rows = Rows()
@@ -173,7 +173,7 @@ class TransformStream(Stream):
         self, chain: list[tuple[Link, bool]], moving: Mapping[Link, _Poses], count: int
     ) -> _Poses:
         """Poses (count,) along a chain by those of moving links; the others are static."""
-        poses = _poses(np.tile(STAYS, (count, 1)))
+        poses = _poses(np.tile(IDENTITY, (count, 1)))
         for link, forward in chain:
             places, turns = moving.get(link) or _poses(self._static[link][None])
             if not forward:

@@ -58,7 +58,7 @@ def with_fix_errors(
     """Position fixes, with heading if its sigma is given, and none in an outage.
 
     `poses` (n, 3) are the true ones at `measured_pose_times`, `times` (n,) those of arrival, evenly
-    spaced [s]. Outages are from a start to an end [s]. Errors of the fixes lost in one are drawn, too.
+    spaced [s]. Outages include their start and end [s]; errors of fixes lost in one are drawn, too.
     """
     outlier_rng, size_rng, wander_rng = rng.spawn(3)
     sigmas = np.array([errors.sigma, errors.sigma, errors.heading_sigma or 0.0])
