@@ -29,12 +29,12 @@ from icreckon.report.replay.page_text import found_faults, has_yaw_errors
 TRUTH, FIXES = "ground truth", "fixes used"
 # Variants shown when the page opens, next to the best and the baseline.
 FIRST_SHOWN = ("differential", "constant-online", "inertia-online")
-FEW = 4  # number of variants up to which all are shown
+MOST_SHOWN = 4  # number of variants up to which all are shown at first
 ON_TRACKS = "differential"  # its ICRs lie on its tracks by definition, and would widen the axes
 LARGEST_INNOVATION = 10.0  # innovations beyond are not drawn
 DEGREES = 180.0 / math.pi
 LEFT_COLOUR, RIGHT_COLOUR, GYRO_COLOUR = "#0072B2", "#D55E00", "#444444"
-FLAT = 0.1  # share of its standard deviation by which a parameter moves that has a chart
+STEADY = 0.1  # change of a parameter over its standard deviation, below which it has no chart
 USUAL_INTERVALS = 4.0  # a hole is longer than this number of usual intervals
 Chart = dict[str, Any]
 
@@ -99,7 +99,7 @@ def switches(results: Results) -> list[Results]:
     """Series that can be hidden: name, colours, dash, and whether shown at first."""
     names, verdict = list(results["variants"]), results["verdict"] or {}
     first_shown = {*FIRST_SHOWN, verdict.get("best"), verdict.get("baseline")}
-    are_few = len(names) <= FEW or first_shown.isdisjoint(names)
+    are_few = len(names) <= MOST_SHOWN or first_shown.isdisjoint(names)
     styles = []  # name, colour, dash, and whether shown at first
     for name in names:
         dash = "2 3" if name.endswith(SMOOTHED) else ""
@@ -141,7 +141,7 @@ def breaks_of(times: Numbers) -> list[int]:
 
 def _error_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
     """Charts of errors in position and yaw; without a truth, of differences."""
-    names = results["series"]["variants"]
+    variants = results["series"]["variants"]
     has_yaw = has_yaw_errors(results)
     position_title, position_key = "Position error", "position_error_m"
     yaw_title, yaw_key = ("Yaw error", "yaw_error_rad") if has_yaw else ("Yaw", "yaw_rad")
@@ -149,8 +149,8 @@ def _error_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
         reference = results["reference_variant"]
         position_title, position_key = f"Distance from {reference}", "apart_m"
         yaw_title, yaw_key = f"Yaw less that of {reference}", "yaw_apart_rad"
-        origin = names[reference]
-        for name, own in names.items():
+        origin = variants[reference]
+        for name, own in variants.items():
             keys = ("x_m", "y_m", "yaw_rad")
             x, y, turned = (floats(own[key]) - floats(origin[key]) for key in keys)
             columns[f"{name}/apart_m"] = rounded(np.hypot(x, y))
@@ -162,15 +162,15 @@ def _error_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
     common = {"place": "errors", "spans": spans, "note": note}
     position: Chart = {"title": position_title, "y_label": "position [m]"}
     position |= {"floor": 0.0, "least": 1e-3}
-    position["lines"] = [_line(name, position_key) for name in names]
-    certain = [name for name in names if known(columns[f"{name}/position_sigma_m"])]
-    position["bands"] = [_band(name, "position_sigma_m", 3.0) for name in certain]
+    position["lines"] = [_line(name, position_key) for name in variants]
+    with_sigma = [name for name in variants if known(columns[f"{name}/position_sigma_m"])]
+    position["bands"] = [_band(name, "position_sigma_m", 3.0) for name in with_sigma]
     yaw: Chart = {"title": yaw_title, "y_label": "yaw [deg]", "least": 0.01}
-    yaw["lines"] = [_line(name, yaw_key, scale=DEGREES) for name in names]
+    yaw["lines"] = [_line(name, yaw_key, scale=DEGREES) for name in variants]
     # About zero for an error, about the yaw itself otherwise.
     middle = yaw_key if yaw_key == "yaw_rad" else None
-    certain = [name for name in names if known(columns[f"{name}/yaw_sigma_rad"])]
-    yaw["bands"] = [_band(name, "yaw_sigma_rad", 3.0, middle, scale=DEGREES) for name in certain]
+    with_sigma = [name for name in variants if known(columns[f"{name}/yaw_sigma_rad"])]
+    yaw["bands"] = [_band(name, "yaw_sigma_rad", 3.0, middle, scale=DEGREES) for name in with_sigma]
     return [common | position, common | yaw]
 
 
@@ -328,8 +328,8 @@ def _parameter_charts(results: Results, columns: dict[str, Numbers]) -> list[Cha
 def constant_parameters(results: Results) -> dict[str, dict[str, tuple[float, float]]]:
     """Learnt parameters that a variant does not move: last value and sigma.
 
-    They move by less than `FLAT` of their standard deviation at the start: their curves are level. Keys
-    are the names of parameters and variants.
+    The value and the standard deviation change by less than `STEADY` of the standard deviation at
+    the start: their curves are level. Keys are the names of parameters, then of variants.
     """
     constant: dict[str, dict[str, tuple[float, float]]] = {}
     for name, variant in results["series"]["variants"].items():
@@ -337,7 +337,7 @@ def constant_parameters(results: Results) -> dict[str, dict[str, tuple[float, fl
             if parameter == "t_s":
                 continue
             value, sigma = floats(columns["value"]), floats(columns["sigma"])
-            moves = np.ptp(value) >= FLAT * sigma[0] or sigma[-1] < (1.0 - FLAT) * sigma[0]
+            moves = np.ptp(value) >= STEADY * sigma[0] or sigma[-1] < (1.0 - STEADY) * sigma[0]
             if np.isfinite(value).all() and not moves:
                 constant.setdefault(parameter, {})[name] = (float(value[-1]), float(sigma[-1]))
     return constant
@@ -377,7 +377,7 @@ def _band(
     name: str, sigma: str, times: float, middle: str | None = None, *, scale: float = 1.0
 ) -> Results:
     """Band of a variant about zero or a column, to plus and minus `times` another one."""
-    columns = {"middle": middle and f"{name}/{middle}", "sigma": f"{name}/{sigma}"}
+    columns = {"middle": f"{name}/{middle}" if middle else None, "sigma": f"{name}/{sigma}"}
     return {"series": name, "x": "t", **columns, "times": times, "scale": scale}
 
 
