@@ -49,13 +49,13 @@ def calibrate(
 ) -> Calibration:
     """Calibrate a robot's parameters from logs with a pose truth.
 
-    A truth of positions alone (RTK GPS, a total station) has its headings found from the path.
+    Headings of a truth of positions alone (RTK GPS, a total station) are found from the path.
 
     The method is maximum likelihood over segments. The two tracks may have different effective radii.
-    The truth may be late, and that of another point of the robot than base_link. If neither this point
-    nor the IMU's position is known (an IMU at the robot file's default [0, 0, 0] counts as unknown), the
-    turning centre in the robot is unobservable. Then the parameters that place it (zeta0, epsilon0) are
-    held, and the lever arm is relative to them.
+    The truth may lag, and may be of another point of the robot than base_link. If neither this point nor
+    the IMU's position is known (the robot file's default [0, 0, 0] counts as unknown), the turning centre
+    in the robot is unobservable. Then the parameters that place it (zeta0, epsilon0) are held, and the
+    lever arm is relative to them.
 
     Args:
         logs: a log or several of one robot, each with track speeds [m/s] made with the robot's sprocket
@@ -74,8 +74,8 @@ def calibrate(
 
     Raises:
         EstimatorError: no log, a log without truth, IMU or tracks, too little driving or turning,
-            signs or units that contradict each other, a truth that turns otherwise than the gyro, or an
-            invalid option.
+            signs or units that contradict each other, a truth that turns differently from the gyro, or
+            an invalid option.
     """
     require_robot(robot)
     logs = [logs] if isinstance(logs, Log) else logs

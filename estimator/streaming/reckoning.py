@@ -62,7 +62,7 @@ from icreckon.estimator.streaming.own_faults import OwnFaults
 
 
 class Reckoning:
-    """Filter of one robot and variant; its input are admitted measurements in order.
+    """Filter of one robot and variant; its inputs are admitted measurements in order.
 
     Args:
         robot: the robot.
@@ -74,10 +74,10 @@ class Reckoning:
     Attributes:
         ekf: the extended Kalman filter.
         parameter_sigmas: (9,) initial standard deviations of the parameters.
-        record: record of the inputs, of which only the rates for the watch may be taken.
+        record: record of the filter; callers change only its rates (`turning`, `yaw_rates`).
 
     Raises:
-        EstimatorError: `Settings.considered` has a name that the variant has not.
+        EstimatorError: `Settings.considered` has a name that the variant does not have.
     """
 
     def __init__(
