@@ -74,8 +74,9 @@ def drive(given: dict[str, str], folder: Path, rate: int, what: str) -> str:
     """Play a drive to a new node; return a row of the table."""
     bag, recorded = folder / f"drive-{rate}", folder / f"out-{rate}-{what}"
     if not bag.exists():
-        simulate = [ICRECKON, "simulate", "--out", bag, "--duration", SECONDS, "--imu-rate", rate]
-        subprocess.run(list(map(str, [*simulate, "--seed", 1])), check=True, capture_output=True)
+        simulate = [ICRECKON, "simulate", "--out", bag, "--duration", SECONDS, "--seed", 1]
+        simulate += ["--set", f"imu_rate={rate}"]
+        subprocess.run(list(map(str, simulate)), check=True, capture_output=True)
     node, ready = start(given, folder / f"node-{rate}-{what}.log")
     recorder = subprocess.Popen(
         [sys.executable, TESTS / "ros2_recorder.py", recorded, "/odom:nav_msgs/msg/Odometry"],

@@ -16,7 +16,7 @@ from icreckon.estimator.faults.scattering_fixes import ScatterRecord
 from icreckon.estimator.filter.gate import GateRecord
 from icreckon.estimator.filter.reacquisition import RejectedRecord
 from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
-from icreckon.estimator.sensors.held_tracks import TrackRecord, count_distance, take_tracks
+from icreckon.estimator.sensors.held_tracks import TrackRecord, average, count_distance, take_tracks
 from icreckon.estimator.sensors.imu_clock import ClockRecord, is_alive, is_due_after
 from icreckon.estimator.sensors.imu_noise import NoiseRecord
 from icreckon.estimator.sensors.imu_tilt import TiltRecord
@@ -83,7 +83,14 @@ class FilterRecord(msgspec.Struct):
 
 
 def take_track_speeds(record: FilterRecord, stamp: int, left: float, right: float) -> None:
-    """Add track speeds [m/s] at a stamp [ns]."""
+    """Add track speeds [m/s] at a stamp [ns]; coarse ones are averaged first."""
+    held = record.tracks
+    if average(held, stamp, left, right, record.settings.hold):
+        hold_track_speeds(record, stamp, held.average_left, held.average_right)
+
+
+def hold_track_speeds(record: FilterRecord, stamp: int, left: float, right: float) -> None:
+    """Hold track speeds [m/s] from a stamp [ns] on."""
     settings, held = record.settings, record.tracks
     stopped_after(record.still, stamp, left, right, settings.track_speed)
     before, left_before, right_before = held.stamp, held.left, held.right

@@ -36,12 +36,15 @@ from icreckon.estimator.sensors.imu_clock import Clocked
 from icreckon.estimator.sensors.imu_noise import DIFFERENCE_VARIANCE, SIGMA_OVER_MEAN_SIZE
 from icreckon.estimator.sensors.input_settings import InputSettings
 
-ACCELERATION_AVERAGING = 0.05  # time over which the change of the track speeds is averaged [s]
+ACCELERATION_AVERAGING = 0.1  # time over which the change of the track speeds is averaged [s]
 SMOOTHING = 0.2  # time constant of the smoothed speeds [s]
 DYING_AWAY = 2.0  # time constant with which stale speeds decay [s]
 USUAL_TRACK_INTERVAL = 0.02  # assumed interval before it is measured [s]
 # The file's noise counts while the measured density is at most this many times as large.
 MORE_NOISE = 25.0
+# Speeds are averaged over this share of `hold` if their noise, times the root of the interval, is larger
+# than this [m]. It is 0.6 of the distance per count.
+AVERAGED_SHARE, COARSE = 0.3, 1.5e-3
 NOISE_MEMORY = 30.0  # time of driving that the measured noise is a mean over [s]
 NOISE_FREE = 50  # number of differences without noise that it begins with: a start is a jump
 
@@ -76,6 +79,10 @@ class TrackRecord(msgspec.Struct):
     ahead_left: float = 0.0  # distance of the left track from then to the newest sample [m]
     ahead_right: float = 0.0  # distance of the right track [m]
     behind: float = 0.0  # distance before then that the newest sample adds, mean of both tracks [m]
+    # `stamp`, or the stamp of a later sample that is averaged with the next ones; averages since `stamp`
+    arrived: Stamp = NEVER
+    average_left: float = 0.0  # of the left track [m/s]
+    average_right: float = 0.0  # of the right track [m/s]
 
 
 def smoothing_share(interval: float, time_constant: float) -> float:
@@ -93,6 +100,22 @@ def mean_decay(held: TrackRecord, start: int, end: int, hold_ns: int) -> float:
     fresh = dt - (to_age - from_age)
     decayed = math.exp(-from_age / DYING_AWAY) - math.exp(-to_age / DYING_AWAY)
     return (fresh + DYING_AWAY * decayed) / dt
+
+
+def average(held: TrackRecord, stamp: int, left: float, right: float, hold: float) -> bool:
+    """Add track speeds [m/s] to their averages; return True if these are to be held.
+
+    Those of coarse encoders are averaged over some time. Noise of speeds by few counts would become
+    motion: it changes the forces, and the weight of the accelerometers, of the model.
+    """
+    interval = (stamp - held.stamp) * NANOSECOND
+    # The average of equal speeds is exactly the same: a stuck sensor repeats itself.
+    share = (stamp - held.arrived) * NANOSECOND / interval
+    held.arrived = stamp
+    held.average_left += share * (left - held.average_left)
+    held.average_right += share * (right - held.average_right)
+    is_coarse = held.noise * held.noise * held.interval > COARSE * COARSE
+    return not (is_coarse and interval < AVERAGED_SHARE * hold)
 
 
 def take_tracks(
@@ -128,6 +151,7 @@ def take_tracks(
     held.smooth_right += weight * (right - held.smooth_right)
     held.mean += short_weight * (0.5 * (left + right) - held.mean)
     held.stamp, held.left, held.right = stamp, left, right
+    held.arrived, held.average_left, held.average_right = stamp, 0.0, 0.0
     # Frozen: both sensors repeat one reading at the same time.
     held.stuck += left_sticks + right_sticks + 2 * newly_frozen
 

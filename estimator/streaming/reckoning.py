@@ -329,7 +329,7 @@ class Reckoning:
             # If it did not stand before, stale speeds hold up to here: when it stopped is not known.
             if not record.stands:
                 self._advance(m.stamp)
-            filter_record.take_track_speeds(record, m.stamp, 0.0, 0.0)
+            filter_record.hold_track_speeds(record, m.stamp, 0.0, 0.0)
         # Predict ahead, within the step that the next IMU sample will end, or move to the stamp. A zero
         # velocity at the end of a step is about the next one.
         is_at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER

@@ -50,9 +50,10 @@ SCALARS = {
     "bool": "bool",
     "complex": "complex_number",
     "none": "void",
+    "index": "int32_t",  # of a loop
 }
 ELEMENTS = {"real": "real", "int": "int64_t", "place": "const uint16_t"}
-REAL, INT, BOOL, COMPLEX, NONE = (Type(kind) for kind in SCALARS)
+REAL, INT, BOOL, COMPLEX, NONE, INDEX = (Type(kind) for kind in SCALARS)
 NUMBERS = (BOOL, INT, REAL, COMPLEX)  # from the narrowest to the widest
 
 
@@ -118,7 +119,7 @@ class FunctionWriter:
             elif c_type.kind in ("array", "record"):
                 declared = f"{c_type.c}{name} = NULL"
             else:
-                starts_at_zero = c_type in NUMBERS and c_type != COMPLEX
+                starts_at_zero = c_type in (*NUMBERS, INDEX) and c_type != COMPLEX
                 declared = f"{c_type.c} {name}" + (" = 0" if starts_at_zero else "")
             self._declared += [f"    {declared};", f"    (void){name};"]
 
@@ -196,9 +197,11 @@ class FunctionWriter:
             raise self._fail(over)
         stop = stop if stop.value is not None else self._in_variable(stop)
         relation, step = (">", "--") if stride < 0 else ("<", "++")
-        self._local(name, INT)
+        self._local(name, INDEX)
         index = _safe(name)
-        self._add(f"for ({index} = {start.text}; {index} {relation} {stop.text}; {index}{step}) {{")
+        self._add(
+            f"for ({index} = ({INDEX.c})({start.text}); {index} {relation} {stop.text}; {index}{step}) {{"
+        )
         self._block(body)
         self._add("}")
 
@@ -255,9 +258,11 @@ class FunctionWriter:
                     return
                 self._local(name, code.type, is_alias=True)
                 declared = self._locals[name]
-                if declared == INT and code.type == REAL:
+                if declared in (INT, INDEX) and code.type == REAL:
                     raise self._fail(target, f"{name}, first a whole number and then a real one,")
-                self._add(f"{_safe(name)} = {self._as(code, declared).text};")
+                text = self._as(code, declared).text
+                text = f"({INDEX.c})({text})" if declared == INDEX else text
+                self._add(f"{_safe(name)} = {text};")
             case ast.Subscript(slice=ast.Slice(lower=None, upper=None)):
                 array = self._code(target.value)
                 index = self._new_name("k")
@@ -279,7 +284,7 @@ class FunctionWriter:
 
     def _as(self, code: Code, wanted: Type) -> Code:
         """Convert a number to another type."""
-        if code.type == wanted or code.type.kind in ("tuple", "record", "array"):
+        if wanted in (code.type, INDEX) or code.type.kind in ("tuple", "record", "array"):
             return code
         if wanted == REAL and code.type in (INT, BOOL):
             if code.value is not None:
@@ -321,7 +326,8 @@ class FunctionWriter:
             case ast.Name(id=name) if name in self._unrolled:
                 return self._constant(self._unrolled[name], node)
             case ast.Name(id=name) if name in self._locals:
-                return Code(_safe(name), self._locals[name])
+                c_type = self._locals[name]
+                return Code(_safe(name), INT if c_type == INDEX else c_type)
             case ast.Name(id=name):
                 return self._constant(self._globals.get(name), node)
             case ast.Attribute():

@@ -39,10 +39,6 @@ def command(
     trajectory: Annotated[
         str | None, Option(help=f"{', '.join(TRAJECTORIES)}, or recorded (default: random).")
     ] = None,
-    trajectory_file: Annotated[
-        str | None,
-        Option(help="CSV file with columns t, left, right (s, m/s) of the recorded trajectory."),
-    ] = None,
     duration: Annotated[
         float | None, Option(help="Length of the run in seconds (default: 300).")
     ] = None,
@@ -60,32 +56,12 @@ def command(
         list[str] | None,
         Option(
             "--set",
-            help="Any key of a scenario file, as gyro.noise_density=0.001 or "
+            help="Any key of a scenario file, as imu_rate=200, fixes.sigma=0.02 or "
             "trajectory_options.speed=0.4; repeatable. Wins over the other options.",
         ),
     ] = None,
-    truth: Annotated[
-        str | None, Option(help="Model of the truth: friction (the default) or kinematic.")
-    ] = None,
-    truth_spread: Annotated[
-        float | None,
-        Option(
-            help="Relative spread of the true parameters about the robot file's (default: 0.15)."
-        ),
-    ] = None,
-    imu_rate: Annotated[float | None, Option(help="IMU samples per second (default: 100).")] = None,
-    track_rate: Annotated[
-        float | None, Option(help="Track-speed samples per second (default: 50).")
-    ] = None,
     fix_rate: Annotated[
         float | None, Option(help="Position fixes per second; 0 for none (default: 1).")
-    ] = None,
-    fix_sigma: Annotated[
-        float | None, Option(help="Their standard deviation in metres (default: 0.05).")
-    ] = None,
-    fix_heading_sigma: Annotated[
-        float | None,
-        Option(help="Standard deviation of their yaw in radians (default: no heading)."),
     ] = None,
     outages: Annotated[
         list[str] | None,
@@ -109,20 +85,9 @@ def command(
     kind = cast("Format", bag_format)
     loaded = load_robot(robot)
     check_place(out, kind, loaded, overwrite=overwrite)
-    changes = _given(
-        trajectory=trajectory,
-        trajectory_file=trajectory_file,
-        duration=duration,
-        seed=seed,
-        noise=noise,
-        truth=truth,
-        truth_spread=truth_spread,
-        imu_rate=imu_rate,
-        track_rate=track_rate,
-        fix_rate=fix_rate,
-        include_truth=include_truth,
-    )
-    changes["fixes"] = _given(sigma=fix_sigma, heading_sigma=fix_heading_sigma)
+    options = {"trajectory": trajectory, "duration": duration, "seed": seed, "noise": noise}
+    options |= {"fix_rate": fix_rate, "include_truth": include_truth}
+    changes = {name: value for name, value in options.items() if value is not None}
     if outages:
         changes["outages"] = [_outage(text) for text in outages]
     scenario = _changed_scenario(scenario_file, [changes, *map(_setting, settings or [])])
@@ -153,11 +118,6 @@ def _changed_scenario(file: Path | None, changes: list[dict[str, Any]]) -> Scena
         terrain_keys |= set(change.get("terrain", {}))
     refuse_idle_keys([scenario.terrain], terrain_keys, source)
     return scenario
-
-
-def _given(**options: Any) -> dict[str, Any]:
-    """Options of the command line that were given; the others are None."""
-    return {name: value for name, value in options.items() if value is not None}
 
 
 def _setting(text: str) -> dict[str, Any]:

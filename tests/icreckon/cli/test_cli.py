@@ -108,7 +108,7 @@ def test_simulate_a_scenario_file_and_what_the_command_line_changes(tmp_path: Pa
         return read_log(tmp_path / name, robot)
 
     same(made("as-it-is"), simulate(file, robot))
-    changes = ("--duration", 10, "--outage", "2:4", "--fix-sigma", 0.3, "--seed", 4)
+    changes = ("--duration", 10, "--outage", "2:4", "--set", "fixes.sigma=0.3", "--seed", 4)
     settings = ("--set", "encoders.resolution=0.001", "--set", "trajectory_options.turn=.3")
     changed = msgspec.structs.replace(
         file,
@@ -122,7 +122,7 @@ def test_simulate_a_scenario_file_and_what_the_command_line_changes(tmp_path: Pa
     same(made("changed", *changes, *settings), simulate(changed, robot))
     path = str(tmp_path / "drive.csv")
     recorded = {"trajectory": "recorded", "trajectory_options": {}, "trajectory_file": path}
-    drive = ("--trajectory", "recorded", "--trajectory-file", "drive.csv")
+    drive = ("--trajectory", "recorded", "--set", "trajectory_file=drive.csv")
     again = simulate(msgspec.structs.replace(file, **recorded), robot)
     same(made("recorded", *drive), again)
 
@@ -154,8 +154,8 @@ def test_the_list_of_commands_has_the_first_lines_of_their_help() -> None:
 def test_help_cuts_nothing_at_80_columns(tmp_path: Path) -> None:
     run = partial(icreckon_alone, env=os.environ | {"COLUMNS": "80"})
     simulating = succeeds("simulate", "--help", cwd=tmp_path, run=run).stdout
-    assert "gyro.noise_density=0.001" in simulating
-    assert "--fix-heading-sigma" in simulating
+    assert "trajectory_options.speed=0.4" in simulating
+    assert "--without-truth" in simulating
     assert "…" not in simulating
     listed = succeeds("--help", cwd=tmp_path, run=run).stdout.splitlines()
     assert [line.split(maxsplit=1)[1] for line in listed[-len(COMMANDS) :]] == [*COMMANDS.values()]

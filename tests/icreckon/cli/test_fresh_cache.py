@@ -97,7 +97,7 @@ def test_replays_at_once_say_what_one_after_prepare_says(prepared, tmp_path, tmp
         if not kernel.name.startswith(TAKE_LONGEST):
             kernel.unlink()
     before = set(shared.rglob("*.kernel"))
-    simulated = ("--duration", "60", "--fix-rate", "1", "--truth", "kinematic")
+    simulated = ("--duration", "60", "--fix-rate", "1", "--set", "truth=kinematic")
     finished(icreckon(prepared, tmp_path, "simulate", "--out", "log", *simulated))
     command = ("replay", "log", "--robot", "auriga-alpha", "--formats", "none")
 
