@@ -135,7 +135,7 @@ def test_what_is_read_does_not_go_on_counting():
     estimator.feed(TrackSpeeds(1, np.nan, 0.1))
     assert health.rejections() == {}
     assert estimator.health.sensor("tracks").used == 1
-    assert estimator.health.rejections() == {"tracks: not finite": 1}
+    assert estimator.health.rejections() == {"tracks: left is not finite": 1}
 
 
 def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
