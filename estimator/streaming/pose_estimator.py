@@ -208,7 +208,7 @@ class PoseEstimator:
     def health(self) -> Health:
         """Counts of the measurements so far: a copy, which later ones do not change."""
         health = self._reckoning.health
-        add_arrivals(health, self._arrivals, self._reckoning.record)
+        add_arrivals(health, self._arrivals)
         health.track_latency = self._stamps.health()
         return health
 
