@@ -45,7 +45,7 @@ class Finding(NamedTuple):
         since: stamp at which it began, or was found if that is not known [ns]; None for most faults of
             fixes. Of a silent sensor it is that of its last sample.
         size: size in the unit of the fault (m/s, m or a ratio); None if it has none.
-        text: the finding in words, with units.
+        text: the finding in words, with units; it changes while the fault lasts.
         effect: what the filter does meanwhile.
     """
 
