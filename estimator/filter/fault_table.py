@@ -27,7 +27,7 @@ from icreckon.estimator.sensors.imu_clock import is_alive
 LARGE_SLIP = 3.0  # factor on the slip from which it is a finding
 # Number of successive rejected position fixes that is a finding, and time of another sensor [s].
 REJECTED_IN_A_ROW, REJECTED_FOR = 3, 3.0
-FEWEST_REJECTED = 20  # IMU samples, none of which is used, that are a finding
+FEWEST_REFUSED = 20  # refused measurements of a stream for each that is not, which are a finding
 TURN_BY_TRACKS = "the tracks turn the pose"
 CORRELATED = 0.5  # correlation of successive innovations of position fixes that is clear
 # Names of a gyro's faults, the reasons to reject its readings, and of fixes that repeat a position.
@@ -45,7 +45,7 @@ class Finding(NamedTuple):
         since: stamp at which it began, or was found if that is not known [ns]; None for most faults of
             fixes. Of a silent sensor it is that of its last sample.
         size: size in the unit of the fault (m/s, m or a ratio); None if it has none.
-        text: the finding in words, with units.
+        text: the finding in words, with units; it changes while the fault lasts.
         effect: what the filter does meanwhile.
     """
 
@@ -213,16 +213,17 @@ def _find_departing(record: Any) -> Iterator[Found]:
         yield Found("position", text, size=size)
 
 
-def unused_imu(rejected: Mapping[str, int]) -> Iterator[Finding]:
-    """Find an IMU of which no sample has reached the filter, by reasons with counts."""
-    if sum(rejected.values()) >= FEWEST_REJECTED:
+def refused_stream(stream: str, rejected: Mapping[str, int], reached: int) -> Iterator[Finding]:
+    """Find a stream of which few measurements have `reached` the filter."""
+    count = sum(rejected.values())
+    if count >= FEWEST_REFUSED * max(1, reached):
         reason = max(rejected, key=lambda reason: rejected[reason])
-        text = (
-            f"no IMU sample is used: {reason}; are its clock and unit of time those of the tracks?"
-        )
-        yield Finding(
-            "imu", "", "silent", None, float(sum(rejected.values())), text, TURN_BY_TRACKS
-        )
+        remedy = "correct the driver"
+        if "stamp" in reason or "history" in reason:
+            remedy = "use the clock of the tracks, or raise Settings.history above the delay"
+        text = f"measurements of {stream} are refused: {reason}; {remedy}"
+        effect = TURN_BY_TRACKS if stream == "imu" else "they are not used"
+        yield Finding(stream, "", "silent", None, float(count), text, effect)
 
 
 def rejected_sensor(sensor: str, rejected_for: float) -> Iterator[Finding]:
@@ -244,7 +245,7 @@ FAULTS = (
     ),
     Fault(
         "silent",
-        "no sample for longer than `Settings.hold`",
+        "no sample for longer than `Settings.hold`, or nearly all are refused",
         "the last track speeds fade within seconds and their error grows",
         "sensors/held_tracks.py",
         _find_silent,

@@ -9,15 +9,15 @@ from typing import Any, NamedTuple
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.records import NEVER, Count, Size
+from icreckon.estimator.base.records import Count, Size
 from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS
 from icreckon.estimator.filter.fault_table import (
     GYRO_FAULTS,
     REPEATED,
     Finding,
     findings_of,
+    refused_stream,
     times_of,
-    unused_imu,
 )
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import Imu
@@ -339,11 +339,13 @@ def add_findings(health: Health, record: Any, x: Floats, P: Floats, imu: Imu) ->
             health.sensor(sensor).rejected[reason] = count
 
 
-def add_arrivals(health: Health, arrivals: Health, record: Any) -> None:
-    """Add the counts of measurements that did not reach a filter with this record."""
+def add_arrivals(health: Health, arrivals: Health) -> None:
+    """Add the counts of refused measurements, and what they show."""
     health.add(arrivals)
-    if record.imu.stamp == NEVER and "imu" in arrivals.sensors:
-        health.findings += unused_imu(arrivals.sensors["imu"].rejected)
+    for stream, counts in arrivals.sensors.items():
+        sensor = health.sensors.get("gyro" if stream == "imu" else stream, SensorHealth())
+        reached = max(sensor.used, sensor.judged_count)
+        health.findings += refused_stream(stream, counts.rejected, reached)
 
 
 @dataclass(frozen=True)

@@ -110,6 +110,7 @@ def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
     if imu is not None:
         readings.append((imu.angular_velocity, ABSURD_RATE))
         if imu.linear_acceleration is not None:
-            readings.append((imu.linear_acceleration, ABSURD_FORCE))
+            # NaN stands for no reading there, and becomes 0; infinity becomes absurdly large.
+            readings.append((np.nan_to_num(imu.linear_acceleration), ABSURD_FORCE))
     # Not "larger": NaN counts as absurd, too.
     return any(not np.abs(values).max(initial=0.0) <= most for values, most in readings)

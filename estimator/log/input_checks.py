@@ -269,6 +269,7 @@ class Admission:
         longest_gap: a stamp this much ahead of the estimate is rejected, unless `CLOCK_WITNESSES`
             consecutive samples of its stream are [s].
         fastest: highest speed of a track [m/s].
+        gyro_axes: axes of the gyro that are used, "xyz" or "z".
 
     Attributes:
         longest_gap: see above [ns].
@@ -277,14 +278,15 @@ class Admission:
         behind: the newest consecutive measurements that were too old.
     """
 
-    def __init__(self, longest_gap: float, fastest: float) -> None:
+    def __init__(self, longest_gap: float, fastest: float, gyro_axes: str = "xyz") -> None:
         self.longest_gap = int(longest_gap / NANOSECOND)
+        self._gyro_axes = gyro_axes
         self._fastest_plausible = ABSURD_SPEED * fastest  # [m/s]
         self.witnesses: dict[str, tuple[int, int]] = {}
         self.behind: list[Measurement] = []
 
     def checked(self, measurement: Measurement) -> tuple[Measurement, str | None]:
-        """Measurement by `as_plain`, and the reason to reject it by `objection`."""
+        """Measurement by `as_plain` without unused readings, and the reason to reject it."""
         # A shortcut for samples of plain numbers, which come hundreds of times a second.
         m: Any = measurement
         kind, is_usual = type(m), False
@@ -305,6 +307,13 @@ class Admission:
         if is_usual and type(m.stamp) is int and EARLIEST <= m.stamp <= LATEST:
             return measurement, None
         plain = as_plain(measurement)
+        if isinstance(plain, ImuSample):
+            rates, force = plain.angular_velocity, plain.linear_acceleration
+            if self._gyro_axes == "z":
+                rates = 0.0, 0.0, rates[2]
+            if force is not None and any(map(math.isnan, force)):
+                force = None  # drivers publish NaN if there is no accelerometer
+            plain = ImuSample(plain.stamp, rates, force)
         return plain, self.objection(plain)
 
     def too_old(self, measurement: Measurement) -> list[Measurement]:
@@ -333,38 +342,41 @@ class Admission:
     def objection(self, measurement: Measurement) -> str | None:
         """Reason to reject measured values; None admits them.
 
-        Implausible sizes are tested first, then single fields and their noise.
+        Values that are not finite are found first, then implausible sizes and noise.
 
         Args:
-            measurement: the measurement, as returned by `as_plain`.
+            measurement: the measurement, as returned by `checked`.
         """
         if not EARLIEST <= measurement.stamp <= LATEST:
             return OUT_OF_RANGE
-        if isinstance(measurement, TrackSpeeds):
-            speeds: Speeds = (measurement.left, measurement.right)
-            if measurement.left_wheels or measurement.right_wheels:
-                speeds += measurement.left_wheels + measurement.right_wheels
-            return _objection_to_size(speeds, self._fastest_plausible, "absurdly fast")
-        if isinstance(measurement, ImuSample):
-            rates, force = measurement.angular_velocity, measurement.linear_acceleration
-            objections = [_objection_to_size(rates, ABSURD_RATE, "absurd rate")]
-            if force is not None:
-                objections.append(_objection_to_size(force, ABSURD_FORCE, "absurd force"))
-            # Of the reasons to reject rates and force, a value that is not finite comes first.
-            return NOT_FINITE if NOT_FINITE in objections else objections[0] or objections[-1]
-        objection = None
-        if isinstance(measurement, BodyVelocity):
-            speeds = measurement.v_x, measurement.v_y
-            objection = _objection_to_size(speeds, self._fastest_plausible, "absurdly fast")
-        elif isinstance(measurement, HeightFix):
-            objection = _objection_to_size((measurement.z,), ABSURD_DISTANCE, "absurdly far")
-        elif isinstance(measurement, PositionFix | PoseFix):
-            place = measurement.x, measurement.y
-            objection = _objection_to_size(place, ABSURD_DISTANCE, "absurdly far")
-            if objection is None and isinstance(measurement, PositionFix):
-                antenna = measurement.forward, measurement.left, measurement.up
-                objection = _objection_to_size(antenna, ABSURD_LEVER, "absurdly far")
-        return objection or _objection_to_fields(measurement)
+        fields = {name: getattr(measurement, name) for name in _fields(type(measurement))}
+        for name, value in fields.items():
+            if name not in NOISE and value is not None and not _is_finite(value):
+                return f"{name} is {NOT_FINITE}"
+        for values, most, reason in self._sizes(measurement):
+            if any(abs(value) > most for value in values):
+                return reason
+        checks = (check(fields[name]) for name, check in NOISE.items() if name in fields)
+        return next(filter(None, checks), None)
+
+    def _sizes(self, measurement: Measurement) -> list[tuple[Speeds, float, str]]:
+        """Values of a measurement, the largest plausible sizes, and reasons."""
+        fastest, far = (self._fastest_plausible, "absurdly fast"), (ABSURD_DISTANCE, "absurdly far")
+        match measurement:
+            case TrackSpeeds(_, left, right, left_wheels, right_wheels):
+                return [((left, right, *left_wheels, *right_wheels), *fastest)]
+            case ImuSample(_, rates, force):
+                of_force = force or (), ABSURD_FORCE, "absurd force"
+                return [(rates, ABSURD_RATE, "absurd rate"), of_force]
+            case BodyVelocity(_, v_x, v_y):
+                return [((v_x, v_y), *fastest)]
+            case PositionFix(_, x, y, _, forward, left, up):
+                return [((x, y), *far), ((forward, left, up), ABSURD_LEVER, "absurdly far")]
+            case PoseFix(_, x, y):
+                return [((x, y), *far)]
+            case HeightFix(_, z):
+                return [((z,), *far)]
+        return []
 
     def objection_to_stamp(self, stream: str, stamp: int, now: int | None) -> str | None:
         """Reason to reject a stamp far ahead, unless others of its stream agree; or None.
@@ -387,14 +399,6 @@ class Admission:
         return None if agree else "stamp far ahead"
 
 
-def _objection_to_size(values: Sequence[float], most: float, reason: str) -> str | None:
-    """Return `NOT_FINITE`, or the `reason` if a value is larger than `most`, or None."""
-    for value in values:
-        if not -most <= value <= most:  # written so that it holds for NaN, too
-            return reason if all(map(math.isfinite, values)) else NOT_FINITE
-    return None
-
-
 def _are_usual(values: Any, most: float) -> bool:
     """Return True for a tuple of three floats of at most a size."""
     if type(values) is not tuple or len(values) != 3:
@@ -402,16 +406,6 @@ def _are_usual(values: Any, most: float) -> bool:
     x, y, z = values
     are_plain = type(x) is type(y) is type(z) is float
     return are_plain and -most <= x <= most and -most <= y <= most and -most <= z <= most
-
-
-def _objection_to_fields(measurement: Measurement) -> str | None:
-    """Reason to reject values that are not finite, or noise that is not positive."""
-    fields = {name: getattr(measurement, name) for name in _fields(type(measurement))}
-    values = [value for name, value in fields.items() if name not in NOISE]
-    if not all(value is None or _is_finite(value) for value in values):
-        return NOT_FINITE
-    objections = [check(fields[name]) for name, check in NOISE.items() if name in fields]
-    return next((objection for objection in objections if objection is not None), None)
 
 
 def _objection_to_sigma(sigma: float | Sequence[float]) -> str | None:
@@ -425,7 +419,7 @@ def _objection_to_covariance(covariance: Matrix3) -> str | None:
     """Reason to reject a matrix that is not finite, symmetric and positive definite."""
     matrix = np.array(covariance)
     if not np.isfinite(matrix).all():
-        return NOT_FINITE
+        return f"covariance is {NOT_FINITE}"
     if matrix.diagonal().min() <= 0.0:
         return "variance not positive"
     correlation = clipped_correlations(matrix)

@@ -82,7 +82,7 @@ class Log:
 
     @classmethod
     def from_measurements(
-        cls, measurements: Iterable[Measurement], name: str = "measurements"
+        cls, measurements: Iterable[Measurement], name: str = "measurements", gyro_axes: str = "xyz"
     ) -> Log:
         """Make a log of measurements in any order, to `run` a filter over or to `smooth`.
 
@@ -92,12 +92,13 @@ class Log:
         Args:
             measurements: measurements, as for an estimator.
             name: name of the log in tables and figures.
+            gyro_axes: `imu.gyro_axes` of the robot; with "z" the other axes may be NaN.
 
         Raises:
             EstimatorError: an element is not a measurement, or track speeds have differing numbers of
                 wheels.
         """
-        return cls(name, **_gathered(measurements))
+        return cls(name, **_gathered(measurements, gyro_axes))
 
     def __repr__(self) -> str:
         """One line: duration and numbers of samples."""
@@ -286,12 +287,12 @@ def _track_speeds(tracks: TrackSpeedSeries, rows: Indexes) -> list[Measurement]:
 
 
 def _imu_samples(imu: ImuSeries, rows: Indexes) -> list[Measurement]:
-    """IMU samples of some rows of a series; a specific force of NaN becomes None."""
+    """IMU samples of some rows of a series; a specific force with NaN becomes None."""
     rates = [tuple(row) for row in imu.angular_velocity[rows].tolist()]
     forces: list[Any] = [None] * len(rates)
     if imu.linear_acceleration is not None:
         read = imu.linear_acceleration[rows]
-        is_absent = np.asarray(np.isnan(read).all(axis=1)).tolist()
+        is_absent = np.asarray(np.isnan(read).any(axis=1)).tolist()
         pairs = zip(read.tolist(), is_absent, strict=True)
         forces = [None if absent else tuple(force) for force, absent in pairs]
     return [ImuSample(*row) for row in zip(imu.stamps[rows].tolist(), rates, forces, strict=True)]
@@ -311,12 +312,12 @@ def _each_row(kind: Callable[..., Measurement], *columns: NDArray[Any]) -> list[
     return [kind(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
 
 
-def _gathered(measurements: Iterable[Measurement]) -> dict[str, Any]:
+def _gathered(measurements: Iterable[Measurement], gyro_axes: str) -> dict[str, Any]:
     """Sort measurements into the fields of a `Log`, by name.
 
     A heading fix at the stamp of a position fix belongs to it. What has no series is in `others`.
     """
-    admission, dropped = Admission(0.0, NO_LIMIT), dict[str, int]()
+    admission, dropped = Admission(0.0, NO_LIMIT, gyro_axes), dict[str, int]()
     kept: dict[Key, Measurement] = {}
     for measurement, objection in map(admission.checked, measurements):
         key = key_of(measurement)

@@ -54,8 +54,8 @@ class ImuSample:
     Attributes:
         stamp: end of the interval that the values are means of [ns]; for values of one moment it is half
             an interval after that.
-        angular_velocity: angular velocity [rad/s].
-        linear_acceleration: specific force [m/s²] (about +9.8 along "up" at rest), or None.
+        angular_velocity: angular velocity [rad/s]; x and y may be NaN with `imu.gyro_axes` "z".
+        linear_acceleration: specific force [m/s²] (about +9.8 along "up" at rest); None or NaN: none.
     """
 
     stamp: int

@@ -143,7 +143,7 @@ class Imu(Bounded, frozen=True):
         gyro_range: largest rate that it reads [rad/s], such as 4.36 for 250°/s; 0 if unknown. Larger yaw
             rates are clipped, and not used.
         gyro_scale: reading over true rate, 1 for an ideal gyro [-].
-        gyro_scale_sigma: standard deviation of the gyro's scale [-].
+        gyro_scale_sigma: standard deviation of the gyro's scale [-]; 0.005 to 0.015 of a cheap gyro.
         gyro_bias: initial bias of the yaw rate in base_link, reading less rate [rad/s].
         gyro_noise_density: white noise of the rate [rad/s/√Hz]; measured noise counts where it differs
             clearly, see `icreckon.estimator.sensors.imu_noise`.

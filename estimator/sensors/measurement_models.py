@@ -32,7 +32,6 @@ POSE_FIXED = (s.X, s.Y, s.YAW, s.Z)
 # A zero velocity moves only the slip. The slip was another before the stop, and its error would go into
 # biases and parameters.
 STANDING_FIXED = (*POSE_FIXED, *range(s.LEARNT.start, s.LEARNT.stop), s.GRAVITY_X, s.GRAVITY_Y)
-
 # A height moves itself, the slope, and the biases that are known together with it.
 WITH_HEIGHT = (s.Z, *range(s.ACCELEROMETER_BIAS_X, s.GYRO_BIAS_Y + 1), s.GRAVITY_X, s.GRAVITY_Y)
 
@@ -96,23 +95,31 @@ def checked(name: str, count: int, states: int, linearised: Any) -> Linearised:
 
 
 class MeasurementModel:
-    """Properties of a sensor that its updates depend on."""
+    """Properties of a sensor that its updates depend on, see `FixModel`."""
 
     name: str  # name of the sensor in health, checkpoints and the order of streams
     components: tuple[str, ...]  # names of the components of its innovation
-    inflated: tuple[int, ...]  # states inflated in re-acquisition, one for each component
-    inflated_jointly: ClassVar[bool] = False  # by the joint square of all components
-    fixed: tuple[int, ...] = ()  # states that updates do not move
-    is_place: ClassVar[bool] = False  # the first two components are a position [m]
-    # updates use the correlations of R. If not, only the gate does
+    inflated: tuple[int, ...]
+    inflated_jointly: ClassVar[bool] = False  # each by the innovations of all components
+    fixed: tuple[int, ...] = ()
+    is_place: ClassVar[bool] = False
     correlated: ClassVar[bool] = True
 
 
 class FixModel(MeasurementModel, Generic[M]):
-    """Sensor that measures the pose or the twist, apart from tracks and IMU."""
+    """Sensor that measures the pose or the twist, apart from tracks and IMU.
 
-    predicts: ClassVar[Quantity]  # predicted quantity that `linearise` takes
-    standing: ClassVar[bool] = False  # the robot stands while it is measured
+    Attributes:
+        predicts: what `linearise` takes: "pose" (x, y, yaw in odom), "twist" (v_x, v_y, w) or "height".
+        inflated: a state for each component, which becomes uncertain where readings are re-acquired.
+        fixed: states that updates do not move.
+        is_place: the first two components are a position [m]; lasting slip is inflated before the gate.
+        correlated: updates use the correlations of R; otherwise only the gate does.
+        standing: the robot stands while it is measured.
+    """
+
+    predicts: ClassVar[Quantity]
+    standing: ClassVar[bool] = False
 
     def linearise(self, measurement: M, predicted: Prediction) -> Linearised:
         """Compare a measurement with its prediction, a pose, twist or height."""
@@ -227,24 +234,17 @@ def register(kind: type[M], model: FixModel[M]) -> None:
     """
     if not isinstance(model, FixModel):
         raise EstimatorError(f"{kind.__name__}: a FixModel() is needed, found {model!r}")
-    if model.predicts not in get_args(Quantity):
-        known = ", ".join(map(repr, get_args(Quantity)))
-        raise EstimatorError(
-            f"{model.name}: predicts must be one of {known}, found {model.predicts!r}"
-        )
-    if len(model.inflated) != len(model.components):
-        raise EstimatorError(f"{model.name}: one inflated state for each component is needed")
-    if not set(model.inflated) <= set(range(s.SIZE)):
-        raise EstimatorError(
-            f"{model.name}: inflated states are 0 to {s.SIZE - 1}, found {model.inflated!r}"
-        )
-    if not 1 <= len(model.components) <= MOST_COMPONENTS:
-        raise EstimatorError(
-            f"{model.name}: a sensor has 1 to {MOST_COMPONENTS} components, found "
-            f"{len(model.components)}; register several"
-        )
-    if model.name in IMU_SENSORS:
-        raise EstimatorError(f"{model.name!r}: there is such a sensor already")
+    known, count, inflated = get_args(Quantity), len(model.components), model.inflated
+    states = set(range(s.SIZE))
+    for is_right, problem in (
+        (model.predicts in known, f"predicts must be one of {known}, found {model.predicts!r}"),
+        (len(inflated) == count, "one inflated state for each component is needed"),
+        (set(inflated) <= states, f"inflated states are 0 to {s.SIZE - 1}, found {inflated!r}"),
+        (1 <= count <= MOST_COMPONENTS, f"{count} components, not 1 to {MOST_COMPONENTS}"),
+        (model.name not in IMU_SENSORS, "there is such a sensor already"),
+    ):
+        if not is_right:
+            raise EstimatorError(f"{model.name}: {problem}")
     add_stream(kind, model.name)
     MODELS[kind] = model
 

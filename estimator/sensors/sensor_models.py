@@ -54,7 +54,7 @@ class SensorModels:
             rows[0] = 0.0, 0.0, 1.0 / upward[2]
         if imu.gyro_axes == "z" or robot.slope.sigma == 0.0:
             rows[1:] = np.nan
-        most_upright = np.eye(3)[np.argmax(np.abs(upward))]
+        most_upright = np.eye(3)[2 if imu.gyro_axes == "z" else np.argmax(np.abs(upward))]
         self.mounting = np.vstack([rows / imu.gyro_scale, most_upright, forward, leftward])
 
     def yaw_rates(self, angular_velocities: Floats) -> Floats:

@@ -12,7 +12,7 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.filter import fault_table
 from icreckon.estimator.filter.ekf import Ekf
 from icreckon.estimator.filter.fault_table import Finding, Found, Inflate, OwnFault, Replace
-from icreckon.estimator.log.input_checks import Admission, as_plain
+from icreckon.estimator.log.input_checks import Admission
 from icreckon.estimator.log.measurements import Measurement
 
 LOGGER = logging.getLogger(__name__)
@@ -99,10 +99,9 @@ class OwnFaults:
 
     def _replaced(self, before: Measurement, effect: Replace) -> Measurement:
         """Measurement that an effect puts in place of another; `ValueError` if invalid."""
-        replacement = as_plain(effect.measurement)
+        replacement, objection = self._admission.checked(effect.measurement)
         if type(replacement) is not type(before) or replacement.stamp != before.stamp:
             raise ValueError(f"Replace needs the same type and stamp as {before!r}")
-        objection = self._admission.objection(replacement)
         if objection is not None:
             raise ValueError(f"Replace by {replacement!r}: {objection}")
         return replacement

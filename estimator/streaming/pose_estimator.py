@@ -20,7 +20,6 @@ from icreckon.estimator.filter.samples import RunRows, SampleArrays
 from icreckon.estimator.log.input_checks import (
     RANKS,
     STREAMS,
-    Admission,
     as_stamp,
     event_of,
     event_row,
@@ -114,7 +113,7 @@ class PoseEstimator:
         self._reckoning = Reckoning(robot, self.variant, self.settings, start, start_sigma)
         warm_up(self._reckoning.ekf.model, robot, self.variant, self.settings)
         self._history = History(self._reckoning, self.settings.history, self._watch)
-        self._admission = Admission(self.settings.longest_gap, robot.vehicle.max_track_speed)
+        self._admission = self._reckoning.admission
         # Counts of measurements that do not reach the filter; no checkpoint of the filter resets them.
         self._arrivals = Health()
         self._stamps = StampCorrection(latencies or Latencies())
@@ -209,7 +208,7 @@ class PoseEstimator:
     def health(self) -> Health:
         """Counts of the measurements so far: a copy, which later ones do not change."""
         health = self._reckoning.health
-        add_arrivals(health, self._arrivals, self._reckoning.record)
+        add_arrivals(health, self._arrivals)
         health.track_latency = self._stamps.health()
         return health
 

@@ -95,8 +95,9 @@ class Reckoning:
             self.ekf.add_wander(self._wander.sigma)
 
         self._counts = Health()  # counts of all but the gates, which count themselves
-        admission = Admission(settings.longest_gap, robot.vehicle.max_track_speed)
-        self.own_faults = OwnFaults(state_names(variant), admission)
+        fastest = robot.vehicle.max_track_speed
+        self.admission = Admission(settings.longest_gap, fastest, robot.imu.gyro_axes)
+        self.own_faults = OwnFaults(state_names(variant), self.admission)
         self._settings = settings
         self._uses_force = settings.use_accelerometer and variant.accelerometers
         self._mounting = SensorModels(robot).mounting

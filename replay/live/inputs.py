@@ -348,8 +348,7 @@ class LiveInputs:
                     complete = self._forces.take(stamp, rows[0], None)
                 for row_stamp, values in complete:
                     x, y, z, a_x, a_y, a_z = values.tolist()
-                    has_forces = not np.isnan([a_x, a_y, a_z]).all()
-                    yield ImuSample(row_stamp, (x, y, z), (a_x, a_y, a_z) if has_forces else None)
+                    yield ImuSample(row_stamp, (x, y, z), (a_x, a_y, a_z))
             case "fixes":
                 yield from self._fix(stamp, rows, msgtype, mapped)
             case "velocity":

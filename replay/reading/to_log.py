@@ -246,11 +246,13 @@ class _Assembly:
         rows = np.full((len(stamps), 6), np.nan)
         rows[:, measured] = found
         rates, forces = rows[:, :3], rows[:, 3:]
-        has_forces = bool(len(forces)) and not np.isnan(forces).all()
-        keep = self._screened(stream, stamps, rows if has_forces else rates)
+        if self.robot.imu.gyro_axes == "z":
+            rates[:, :2] = 0.0
+        absent = np.isnan(forces).any(axis=1, keepdims=True)
+        keep = self._screened(stream, stamps, np.hstack([rates, np.where(absent, 0.0, forces)]))
         if not keep.any():
             return None
-        return series.ImuSeries(stamps[keep], rates[keep], forces[keep] if has_forces else None)
+        return series.ImuSeries(stamps[keep], rates[keep], None if absent.all() else forces[keep])
 
     def _fixes(self, stream: Stream) -> series.FixSeries | None:
         spec = self._spec(stream)

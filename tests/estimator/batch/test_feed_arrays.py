@@ -9,8 +9,20 @@ import numpy as np
 import pytest
 
 from fed_estimators import feed_all
-from icreckon import Log, PoseEstimator, Scenario, Settings, feed_arrays, load_robot, simulate
+from icreckon import (
+    Log,
+    PoseEstimator,
+    Scenario,
+    Settings,
+    changed_robot,
+    feed_arrays,
+    load_robot,
+    run,
+    run_many,
+    simulate,
+)
 from icreckon.estimator.filter.samples import samples_of
+from icreckon.estimator.log.input_checks import key_of
 from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds, ZeroVelocity
 from same_runs import assert_same_estimate
 
@@ -60,6 +72,36 @@ def test_arrays_may_follow_arrays_and_single_samples() -> None:
     # Older than what was processed as arrays.
     assert not by_arrays.feed(fix)
     assert by_arrays.health.sensors["position"].too_late == 1
+
+
+def test_readings_that_the_filter_does_not_use_may_be_nan() -> None:
+    """Missing accelerometers, and gyro axes that the robot file excludes; fed in every way."""
+    robot, whole = changed_robot(ROBOT, {"imu.gyro_axes": "z"}), drive()
+    rates, forces = whole.imu.angular_velocity.copy(), whole.imu.linear_acceleration.copy()
+    rates[:, :2], forces[300:600], forces[900:1500, 1] = np.nan, np.nan, np.nan
+    imu = replace(whole.imu, angular_velocity=rates, linear_acceleration=forces)
+    samples = zip(imu.stamps.tolist(), rates.tolist(), forces.tolist(), strict=True)
+    fed = [ImuSample(stamp, tuple(w), tuple(f)) for stamp, w, f in samples]
+    absent = [
+        ImuSample(m.stamp, (0.0, 0.0, m.angular_velocity[2]), m.linear_acceleration)
+        if np.isfinite(m.linear_acceleration).all()
+        else ImuSample(m.stamp, (0.0, 0.0, m.angular_velocity[2]))
+        for m in fed
+    ]
+    tracks = list(replace(whole, imu=None).measurements())
+    by_arrays, streamed, expected = (PoseEstimator(robot) for _ in range(3))
+    for estimator, imu_samples in ((streamed, fed), (expected, absent)):
+        for measurement in sorted([*tracks, *imu_samples], key=key_of):
+            assert estimator.feed(measurement)
+    feed_arrays(by_arrays, whole.tracks, imu)
+    assert_same_estimate(streamed, expected)
+    assert_same_estimate(by_arrays, expected)
+    log = Log.from_measurements([*fed, *tracks], gyro_axes="z")
+    assert not log.dropped
+    pose = run(log, robot, "inertia-online").trajectory.poses[-1]
+    (lane,) = run_many([log], robot, "inertia-online", every=0.01)
+    assert pose.tolist() == expected.pose.tolist()
+    assert np.allclose(lane.poses[-1], pose, rtol=0.0, atol=1e-9)
 
 
 def test_samples_that_are_fed_again_are_duplicates() -> None:

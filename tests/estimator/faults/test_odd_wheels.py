@@ -189,7 +189,7 @@ def test_wheels_that_are_no_numbers_are_refused(robot: Robot) -> None:
     with pytest.raises(EstimatorError, match="tracks: left_wheels must be numbers, found"):
         estimator.feed(TrackSpeeds(0, 0.1, 0.1, ("a", 0.1), (0.1, 0.1)))  # type: ignore[arg-type]
     assert not estimator.feed(TrackSpeeds(0, 0.1, 0.1, (math.nan, 0.1), (0.1, 0.1)))
-    assert estimator.health.sensors["tracks"].rejected == {"not finite": 1}
+    assert estimator.health.sensors["tracks"].rejected == {"left_wheels is not finite": 1}
     lists = TrackSpeeds(0, 0.1, 0.1, [0.1, 0.1], np.array([0.1, 0.1]))  # type: ignore[arg-type]
     assert estimator.feed(lists)
 

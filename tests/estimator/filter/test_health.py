@@ -135,7 +135,7 @@ def test_what_is_read_does_not_go_on_counting():
     estimator.feed(TrackSpeeds(1, np.nan, 0.1))
     assert health.rejections() == {}
     assert estimator.health.sensor("tracks").used == 1
-    assert estimator.health.rejections() == {"tracks: not finite": 1}
+    assert estimator.health.rejections() == {"tracks: left is not finite": 1}
 
 
 def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
@@ -266,5 +266,25 @@ def test_an_imu_of_which_no_sample_is_used_is_found() -> None:
     (found,) = estimator.health.findings
     assert (found.sensor, found.fault) == ("imu", "silent")
     assert "older than Settings.history" in found.text
-    estimator.feed(ImuSample(10**18 + 4 * 10**8, (0.0, 0.0, 0.01)))
+    for k in range(40, 43):
+        estimator.feed(ImuSample(10**18 + k * 10**7, (0.0, 0.0, 0.01)))
     assert not estimator.health.findings
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda t: PositionFix(t - 1_200_000_000, 0.0, 0.0, 1.0), "raise Settings.history"),
+        (lambda t: PositionFix(t, 0.0, np.nan, 1.0), "y is not finite; correct the driver"),
+        (lambda t: HeadingFix(t, 0.0, 0.0), "variance not positive"),
+        (lambda t: ImuSample(t, (0.0, np.nan, 0.0)), "imu are refused: angular_velocity is not"),
+    ],
+)
+def test_a_stream_that_is_refused_is_found(make, text):
+    estimator = PoseEstimator(ALPHA)
+    for stamp in range(2_000_000_000, 3_900_000_000, 50_000_000):
+        estimator.feed(TrackSpeeds(stamp, 0.1, 0.1))
+        assert bool(estimator.health.findings) == (stamp > 2_950_000_000)
+        estimator.feed(make(stamp))
+    (found,) = estimator.health.findings
+    assert text in found.text

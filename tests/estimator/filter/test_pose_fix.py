@@ -116,7 +116,7 @@ def with_element(row, column, value):
 
 
 BAD = {
-    "not finite": [with_element(0, 1, np.nan)],
+    "covariance is not finite": [with_element(0, 1, np.nan)],
     "variance not positive": [with_element(1, 1, 0.0), with_element(2, 2, -0.1)],
     "covariance not symmetric": [
         with_element(2, 0, 1e-5),

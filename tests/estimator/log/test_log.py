@@ -169,7 +169,7 @@ def test_what_cannot_be_right_is_dropped_and_counted():
     log = Log.from_measurements(good + bad)
     assert list(log.measurements()) == good
     assert log.dropped == {
-        "tracks: not finite": 1,
+        "tracks: left is not finite": 1,
         f"{STREAMS[type(good[5])]}: duplicate stamp": 1,
         "position: variance not positive": 1,
         "pose: covariance not positive definite": 1,

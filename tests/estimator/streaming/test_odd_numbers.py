@@ -39,9 +39,10 @@ NUMBERS = [
     Decimal("0.5"), Fraction(1, 2), np.float16(0.5), np.float32(0.5), np.longdouble(0.5),
     np.array(0.5), OwnFloat(0.5),
 ]  # fmt: skip
+NANS = [Decimal("NaN"), math.nan]
 BEYOND = [
     HUGE, -HUGE, 10**5000, Fraction(HUGE, 3), Decimal("1e400"), np.longdouble("1e4000"),
-    Decimal("NaN"), math.nan, -math.inf,
+    *NANS, -math.inf,
 ]  # fmt: skip
 NO_NUMBERS = [
     "0.5", b"1", True, np.True_, 1j, np.complex128(1.0), Decimal("sNaN"), None, (), [0.5],
@@ -102,6 +103,8 @@ def test_what_is_no_number_is_an_error_and_what_is_beyond_floats_is_rejected(sta
     assert count_of(odd) == 0
     for value in BEYOND:
         for m in of_kinds(after, value):
+            if isinstance(m, ImuSample) and m.linear_acceleration and value in NANS:
+                continue  # there is no accelerometer then
             rejected = count_of(odd)
             assert odd.feed(m) is False
             assert count_of(odd) == rejected + 1
@@ -165,7 +168,7 @@ def test_numbers_of_any_kind_count_as_floats(number):
         (PoseFix(EPOCH, 1e300, 0.0, 0.0, np.eye(3)), "absurdly far"),
         (PositionFix(EPOCH, 0.0, 0.0, 1.0, up=1e4), "absurdly far"),
         (HeightFix(EPOCH, 1e160, 1.0), "absurdly far"),
-        (PoseFix(EPOCH, math.nan, 1e300, 0.0, np.eye(3)), "not finite"),
+        (PoseFix(EPOCH, math.nan, 1e300, 0.0, np.eye(3)), "x is not finite"),
     ],
 )
 def test_fixes_off_the_map_are_rejected(fix, reason):

@@ -125,10 +125,14 @@ NAN, INF = math.nan, math.inf
 LATER = 7_000_000
 LONG_AGO = seconds(1.5)
 BAD = [
-    ("tracks: not finite", lambda t: TrackSpeeds(t + LATER, NAN, 0.5)),
+    ("tracks: left is not finite", lambda t: TrackSpeeds(t + LATER, NAN, 0.5)),
     ("tracks: duplicate stamp", lambda t: TrackSpeeds(t, 0.9, 0.1)),
     ("tracks: older than Settings.history", lambda t: TrackSpeeds(t - LONG_AGO, 0.9, 0.1)),
-    ("imu: not finite", lambda t: ImuSample(t + LATER, (INF, 0.0, 0.0), (0.0, 0.0, 9.8))),
+    ("imu: angular_velocity is not finite", lambda t: ImuSample(t + LATER, (INF, 0.0, 0.0))),
+    (
+        "imu: linear_acceleration is not finite",
+        lambda t: ImuSample(t + LATER, (0.0, 0.0, 0.1), (0.0, INF, 9.8)),
+    ),
     ("imu: absurd rate", lambda t: ImuSample(t + LATER, (0.0, -101.0, 0.1))),
     ("imu: absurd force", lambda t: ImuSample(t + LATER, (0.0, 0.0, 0.1), (0.0, 1e9, 9.8))),
     ("imu: duplicate stamp", lambda t: ImuSample(t, (0.0, 0.0, 3.0))),

@@ -83,7 +83,7 @@ def test_refused_track_speeds_have_no_row(log):
     bad = Log(log.name, TrackSpeedSeries(log.tracks.stamps, speeds))
     found = run(bad, ALPHA, "inertia-online")
     assert found.stamps.tolist() == np.delete(log.tracks.stamps, [100, 200]).tolist()
-    assert found.health.rejections() == {"tracks: not finite": 2}
+    assert found.health.rejections() == {"tracks: left is not finite": 2}
     with_imu = run(Log(log.name, bad.tracks, log.imu), ALPHA, "inertia-online")
     assert len(with_imu.stamps) == len(run(log, ALPHA, "inertia-online").stamps) - 2
 

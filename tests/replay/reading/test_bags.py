@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 import bag_messages as made
 from bag_messages import JOINTS, SPEEDS, STORE, imu, joints, robot_with, write_bag
 from conftest import make_log
-from icreckon import ReplayError, Robot, inspect, read_log, write_log
+from icreckon import ReplayError, Robot, changed_robot, inspect, read_log, write_log
 from icreckon.replay.mapping.topics import TrackTopic, topic_map
 
 
@@ -144,6 +144,23 @@ def test_bad_samples_are_counted(tmp_path: Path) -> None:
     assert len(log.imu.stamps) == 2
     reasons = {"cannot be decoded": 1, "not finite": 2, "duplicate stamp": 1}
     assert log.dropped == {f"imu: {reason}": count for reason, count in reasons.items()}
+
+
+def test_samples_without_what_the_filter_does_not_use_are_kept(tmp_path: Path) -> None:
+    nan = float("nan")
+    samples = [
+        imu(10**9, rate=(nan, 0.0, 0.1)),
+        imu(2 * 10**9, rate=(nan, nan, 0.1), force=(nan, 0.0, 9.8)),
+        imu(3 * 10**9, rate=(0.0, 0.0, 0.1), force=(nan, nan, nan)),
+        imu(4 * 10**9, rate=(0.0, 0.0, 0.1)),
+    ]
+    path = write_bag(tmp_path / "bag", [*SPEEDS, *(("/imu", one) for one in samples)])
+    robot = robot_with(tracks=JOINTS, imu={"topic": "/imu"})
+    assert read_log(path, robot).imu.stamps.tolist() == [3 * 10**9, 4 * 10**9]
+    log = read_log(path, changed_robot(robot, {"imu.gyro_axes": "z"}))
+    assert not log.dropped
+    assert log.imu.angular_velocity.tolist() == [[0.0, 0.0, 0.1]] * 4
+    assert np.isnan(log.imu.linear_acceleration).any(axis=1).tolist() == [False, True, True, False]
 
 
 def test_an_imu_that_only_knows_orientation_is_left_out(tmp_path: Path) -> None:
