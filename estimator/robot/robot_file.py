@@ -184,8 +184,8 @@ class Tracks(Bounded, frozen=True):
     """Scale and noise of the track-speed sensors.
 
     Attributes:
-        speed_noise_density: white noise of each track's speed [m/s/√Hz]; measured noise, as of few
-            counts a turn, adds to it where it is clearly larger.
+        speed_noise_density: white noise of each track's speed [m/s/√Hz]; clearly larger
+            measured noise adds to it. Speeds by counts of 2.5 mm or more are averaged over 0.1 s.
         scale_sigma: standard deviation of the relative error of the effective sprocket radius [-].
         difference: effective radius of the right sprocket less that of the left, as a share of
             `sprocket_radius` [-].
