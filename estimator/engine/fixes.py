@@ -24,6 +24,7 @@ from icreckon.estimator.faults.departing_fixes import Departure, errors_by_cause
 from icreckon.estimator.filter.ekf import LEAST_VARIANCE
 from icreckon.estimator.filter.filter_record import ALIKE_FIXES, DEPARTURE
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
+from icreckon.estimator.filter.process_noise import UNKNOWN_YAW
 from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.tracing import trace
@@ -109,7 +110,11 @@ class _PositionFix:
         self.place = lane.input("fix_x"), lane.input("fix_y")
         self.z = self.place[0] - x, self.place[1] - y
         self.noise_xy = covariance[s.X][s.Y]
-        self.R = [maximum(self.variance + covariance[i][i], LEAST_VARIANCE) for i in (s.X, s.Y)]
+        # What the linearised arm omits by the yaw's variance: its square is three quarters of that.
+        spread = minimum(lane.P.entry(s.YAW, s.YAW), UNKNOWN_YAW)
+        bent = [spread * self.rows[i].get(s.YAW, 0.0) for i in (s.X, s.Y)]
+        variance = self.variance + (bent[s.X] * bent[s.X] + bent[s.Y] * bent[s.Y])
+        self.R = [maximum(variance + covariance[i][i], LEAST_VARIANCE) for i in (s.X, s.Y)]
         self.interval, self.heading = lane.input("fix_interval"), turn(yaw)
         self.is_tried, self.is_forced = mode > 0.5, mode > 1.5
         self.judged = self.is_tried & (mode < 1.5)

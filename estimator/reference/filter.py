@@ -21,6 +21,7 @@ from icreckon.estimator.filter.filter_record import (
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, LONGEST_COUNTED
 from icreckon.estimator.filter.initial_state import assumptions
 from icreckon.estimator.filter.process_noise import (
+    UNKNOWN_YAW,
     Disturbances,
     change_density,
     lasting_slip,
@@ -180,11 +181,14 @@ class ReferenceFilter:
         ekf.P[states] += np.outer(lasted, lasted)
         place = (m.forward, m.left, m.up)
         values, rows, noise = predictions.point_on_robot(predicted, ekf.x[s.GRAVITY], place)
+        # What the linearised arm omits by the variance of the yaw, see `engine.fixes`.
+        bent = min(ekf.P.item(s.YAW, s.YAW), UNKNOWN_YAW) * rows[:2, s.YAW]
+        variance = m.variance + float(bent @ bent)
         # Only the motion ahead of the IMU correlates x and y, a little: the update omits that.
         z, H, R = (
             np.array((m.x, m.y)) - values[:2],
             rows[:2],
-            noise[:2, :2] + m.variance * np.eye(2),
+            noise[:2, :2] + variance * np.eye(2),
         )
         nis = float(z @ np.linalg.solve(H @ ekf.P @ H.T + R, z))
         if nis > CHI_SQUARE_1E4[2]:

@@ -1,35 +1,29 @@
 """Fixed-interval smoothing: estimates from earlier and later measurements.
 
-The forward pass is the filter itself, to rounding. With it runs a linear Kalman filter for the error of
-the filter's state, x = x_filter + delta. The linear filter has the same transitions, noise, Jacobians,
-standstill updates and gates, but the optimal gain throughout.
-
-The filter's own estimates cannot be smoothed. Its fixed states (Schmidt-Kalman: twist measurements do not
-move the pose) are not optimal given the measurements so far. The recursion of Rauch, Tung and Striebel
-assumes that they are: it would leave the pose at the end where it is, and bend the path before it. The
-reason for a fixed pose does not hold here: a smoothed path has no jumps, and all Jacobians are those of
-the filter's states. That for fixed parameters does: the IMU would attribute other errors of the motion
-to them, and the gyro to gravity. So it does not see them: their part of an accelerometer's innovation
-counts as noise, and the gyro's yaw rate is all of the turning, theirs too.
-
-The backward pass is the modified Bryson-Frazier form of that recursion (Bierman, Fixed interval smoothing
-with discrete measurements, International Journal of Control 18, 1973; the same estimates as those of
-Simon, Optimal State Estimation, section 9.4, and Särkkä, Bayesian Filtering and Smoothing, section 8.2):
+The forward pass is the filter itself, to rounding. The backward pass corrects each of its states by the
+innovations that follow:
 
     x_smoothed = x - P lambda      P_smoothed = P - P Lambda P
     over a step, backward:         lambda <- F' lambda              Lambda <- F' Lambda F
     over an update, backward:      lambda <- C' lambda - h' y / S   Lambda <- C' Lambda C + h' h / S
 
-with h the Jacobian's row, y the innovation, S its variance, k the gain and C = I - k h. No matrix is
-inverted. So states of zero variance need no special case, nor does the fast slip, which is drawn again
-with each step (there F has zeros).
+with h the Jacobian's row, y the innovation, S its variance, and C = I - (P h' / S) h. That is the
+modified Bryson-Frazier form of the recursion of Rauch, Tung and Striebel (Bierman, Fixed interval
+smoothing with discrete measurements, International Journal of Control 18, 1973; the same estimates as
+those of Simon, Optimal State Estimation, section 9.4, and Särkkä, Bayesian Filtering and Smoothing,
+section 8.2). No matrix is inverted. So states of zero variance need no special case, nor does the fast
+slip, which is drawn again with each step (there F has zeros).
 
-After the last fix the path is turned as a whole, and not stretched (`unstretched`). Smoothed parameters
-are projected onto their bounds as the filter's are. If the heading is lost (`LOST_YAW`: after long gaps
-of a log), the pose cannot be linearised, and it is not smoothed across.
+The filter's gains are not all optimal: what measures the twist does not move the pose (Schmidt-Kalman),
+for errors of the model would move it, too. The same holds here. Such an update moves no earlier state,
+and the recursion passes it with the filter's own gain k: C = I - k h, without the terms in y and S. P is
+the covariance of the filter's error for any gain, and P lambda its covariance with the innovations that
+follow. So the smoothed covariance is that of the smoothed error, and never larger than P. Where all gains
+are optimal, as with tracks and fixes alone, the smoothed estimate is the best linear one.
 
-The last smoothed estimate is that of the optimal gain. It is the filter's own if there were no fixed
-states (tracks and fixes alone), and otherwise as certain to a thousandth, or more.
+So after the last fix a smoothed estimate is the filter's own. Smoothed parameters are projected onto
+their bounds as the filter's are. If the heading is lost (`LOST_YAW`: after long gaps of a log), the pose
+cannot be linearised, and nothing is smoothed across.
 
 Memory: some 1.5 kB for each IMU sample (the pose's rows of F, and each update's row and gain), and 2.2 kB
 for each row of the result (the upper triangle of its covariance). An hour at 100 Hz of IMU and 50 Hz of
@@ -44,13 +38,13 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.frames import rotate
 from icreckon.estimator.filter.changes import Moved, Updated
 from icreckon.estimator.filter.ekf import WHOLE, Ekf, fade_wander, replaced_states
 from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.sensors.measurement_models import POSE_FIXED
 from icreckon.estimator.streaming.outputs import Run, Snapshot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import Rows, work_through
@@ -132,124 +126,76 @@ class _Wander(NamedTuple):
 
 
 class _Update(NamedTuple):
-    """Scalar update: Jacobian's row h, gain k, innovation y and its variance S."""
+    """Scalar update; `score` and `information` are zero if no earlier state moves."""
 
-    h: Floats
+    h: Floats  # Jacobian's row
     gain: Floats
-    innovation: float
-    S: float
+    score: float  # y / S
+    information: float  # 1 / S
 
 
 class _RowState(NamedTuple):
     """State at a row of the result."""
 
     length: int  # length of the tape before it
-    delta: Floats  # (SIZE,) optimal estimate of the error of the filter's state
-    upper: Floats  # upper triangle of its covariance
+    upper: Floats  # upper triangle of the covariance
     speeds: tuple[float, float]  # track speeds [m/s]
     model_memory: Floats  # (m,) checkpoint of the motion model's memory
     wander: Floats  # (2,) wander of the fixes in the filter's state, or nothing
 
 
 class _Tape:
-    """Observer of a filter: tape of its changes, and optimal filter of its error."""
+    """Observer of a filter: tape of its changes."""
 
     def __init__(self, ekf: Ekf, max_track_speed: float) -> None:
         self._ekf, self._max_track_speed = ekf, max_track_speed
         ekf.observer = self
         self._size = len(ekf.x)
         self._upper = np.triu_indices(self._size)
-        self._delta: Floats = np.zeros(self._size)
-        self._optimal_P: Floats = ekf.P.copy()
         self._tape: list[_Event] = []
         self._rows: list[_RowState] = []
-        # Places of parameters and gravity that do not turn the robot in the present step.
-        self._not_turning: list[int] = []
-        self._row_of_fix = 0  # row at or after the newest measurement of the position
 
     # --- forward ---------------------------------------------------------------------------------
 
     def moved(self, step: Moved) -> None:
         """Record a transition, see `Observer`."""
-        F = self.of_step(step.F)
-        self._not_turning = []
-        self._delta = F @ self._delta
-        P = F @ self._optimal_P @ F.T + step.Q
-        self._optimal_P = 0.5 * (P + P.T)
+        F = step.F
         self._tape.append(_Step(F[s.MOVED].copy(), np.diag(F)[s.SLIP].copy(), F[s.GRAVITY].copy()))
-        if P[s.YAW, s.YAW] > LOST_YAW**2:
-            self._renew([s.X, s.Y, s.YAW], self._optimal_P[s.POSE, s.POSE].copy())
+        if self._ekf.P[s.YAW, s.YAW] > LOST_YAW**2:
+            self._tape.append(_Renewal([*range(self._size)]))
 
     def renewed(self, covariance: Floats) -> None:
         """Record a new fast slip, see `Observer`."""
-        self._renew([*range(s.FAST_SLIP.start, s.FAST_SLIP.stop)], covariance)
+        del covariance
+        self._tape.append(_Renewal([*range(s.FAST_SLIP.start, s.FAST_SLIP.stop)]))
 
     def replaced(self, covariance: Floats) -> None:
         """Record a relocated pose, see `Observer`."""
-        self._renew(replaced_states(covariance), covariance)
+        self._tape.append(_Renewal(replaced_states(covariance)))
 
     def wandered(self, decay: float, variance: float) -> None:
         """Record the wander of the fixes over some time, see `Observer`."""
-        self._delta[s.WANDER] *= decay
-        P = self._optimal_P
-        fade_wander(P, decay)
-        P[[s.WANDER_X, s.WANDER_Y], [s.WANDER_X, s.WANDER_Y]] += variance
+        del variance
         self._tape.append(_Wander(decay))
 
-    def _renew(self, states: list[int], covariance: Floats) -> None:
-        """Draw states again: without error, correlated with no other."""
-        self._delta[states] = 0.0
-        P = self._optimal_P
-        P[states, :] = P[:, states] = 0.0
-        P[np.ix_(states, states)] = covariance
-        self._tape.append(_Renewal(states))
-
     def inflated(self, states: Sequence[int], covariance: Floats, yaw: float | None = None) -> None:
-        """Record an inflation, see `Observer`."""
-        del yaw
-        self._optimal_P[np.ix_(states, states)] += covariance
+        """Record nothing: an added error is independent of all before it, see `Observer`."""
+
+    def projected(self, change: Floats) -> None:
+        """Record nothing: it is part of the filter's estimate, see `Observer`."""
 
     def updated(self, change: Updated) -> None:
         """Record a scalar update, see `Observer`."""
-        if s.X not in change.fixed and (change.h[s.X] or change.h[s.Y]):
-            self._row_of_fix = len(self._rows)
-        h, r = self.without_fixed(change.h, change.r, change.fixed)
-        cross = self._optimal_P @ h
-        S = float(h @ cross) + r
-        gain = cross / S
-        innovation = change.z - float(h @ self._delta)
-        self._delta = self._delta + gain * innovation - change.gain * change.z
-        self._optimal_P = self._optimal_P - np.outer(gain, cross)
-        self._tape.append(_Update(h, gain, innovation, S))
-
-    def without_fixed(self, h: Floats, r: float, fixed: tuple[int, ...]) -> tuple[Floats, float]:
-        """Jacobian without fixed parameters, and the noise with their uncertainty."""
-        unseen = [state for state in fixed if s.PARAMETERS.start <= state < s.SIZE]
-        if not unseen:
-            return h, r
-        h_unseen, h = h[unseen], h.copy()
-        h[unseen] = 0.0
-        if h[s.GYRO_BIAS]:
-            # The gyro measures the whole yaw rate: in this step the yaw does not depend on them.
-            self._not_turning = unseen
-            return h, r
-        return h, r + float(h_unseen @ self._optimal_P[np.ix_(unseen, unseen)] @ h_unseen)
-
-    def of_step(self, F: Floats) -> Floats:
-        """Transition of the error; parameters that the gyro does not see turn no robot."""
-        F = F.copy()
-        F[s.YAW, self._not_turning] = 0.0
-        return F
-
-    def projected(self, change: Floats) -> None:
-        """Record a projection onto bounds; the optimal filter itself is not projected."""
-        self._delta = self._delta - change
+        moves_pose = not set(POSE_FIXED) <= set(change.fixed)
+        information = 1.0 / change.S if moves_pose else 0.0
+        gain = change.cross * information if moves_pose else change.gain
+        self._tape.append(_Update(change.h, gain, information * change.z, information))
 
     def record_row(self, track_speeds: tuple[float, float]) -> None:
-        """Record the state of the optimal filter at a row of the result."""
-        upper, memory = self._optimal_P[self._upper], self._ekf.model.memory.copy()
-        wander, delta = self._ekf.x[s.SIZE :].copy(), self._delta.copy()
-        self._rows.append(_RowState(len(self._tape), delta, upper, track_speeds, memory, wander))
+        """Record the state of the filter at a row of the result."""
+        upper, memory = self._ekf.P[self._upper], self._ekf.model.memory.copy()
+        wander = self._ekf.x[s.SIZE :].copy()
+        self._rows.append(_RowState(len(self._tape), upper, track_speeds, memory, wander))
 
     # --- backward --------------------------------------------------------------------------------
 
@@ -268,7 +214,7 @@ class _Tape:
             P = np.zeros((size, size))
             P[self._upper] = P.T[self._upper] = row.upper  # both triangles
             smoothed_P = P - P @ information @ P
-            ekf.x = np.append(filtered.states[index], row.wander) + row.delta - P @ adjoint
+            ekf.x = np.append(filtered.states[index], row.wander) - P @ adjoint
             ekf.P = 0.5 * (smoothed_P + smoothed_P.T)
             # Rounding may make a variance of zero negative.
             np.fill_diagonal(ekf.P, np.maximum(ekf.P.diagonal(), 0.0))
@@ -280,30 +226,8 @@ class _Tape:
             x, row_P = ekf.x[: s.SIZE], ekf.P[: s.SIZE, : s.SIZE]
             stamp, indices = int(filtered.stamps[index]), model.motion.indices
             rows.put(index, Snapshot(stamp, x, row_P, model.twist, twist_P, indices))
-        if count:
-            poses, anchor = rows.arrays.states[:, s.POSE], min(self._row_of_fix, count - 1)
-            poses[:] = unstretched(filtered.trajectory.poses, poses, anchor)
         name = filtered.variant + SMOOTHED
         return rows.finish(count, name, filtered.state_names, filtered.health)
-
-
-def unstretched(filtered: Floats, smoothed: Floats, anchor: int) -> Floats:
-    """Smoothed poses (n, 3) whose path after an anchor is turned, and not stretched.
-
-    Without fixes the yaw's correction grows with the log, and the position's correction is linear in it:
-    a path turned by 0.4 rad in this way is 8 % too long. So the corrections of the motion from row to row
-    are separated from the turn, each motion is corrected and turned, and the path composed again from the
-    row `anchor`. The smoothed poses are those of the filter (n, 3) plus linear corrections.
-    """
-    turn = smoothed[:, 2] - filtered[:, 2]
-    step = np.diff(filtered[:, :2], axis=0)
-    # To first order a turn moves the end of a step across it: the rest corrects the motion itself.
-    across = np.column_stack([-step[:, 1], step[:, 0]])
-    correction = np.diff(smoothed[:, :2] - filtered[:, :2], axis=0) - turn[:-1, None] * across
-    turned = rotate(step + correction, turn[:-1])
-    result = smoothed.copy()
-    result[anchor + 1 :, :2] = smoothed[anchor, :2] + np.cumsum(turned[anchor:], axis=0)
-    return result
 
 
 _Event = _Step | _Renewal | _Wander | _Update
@@ -312,11 +236,11 @@ _Event = _Step | _Renewal | _Wander | _Update
 def _back(event: _Event, adjoint: Floats, information: Floats) -> tuple[Floats, Floats]:
     """Compute lambda and Lambda before an event on the tape from those after it."""
     match event:
-        case _Update(h, gain, innovation, S):
-            adjoint = adjoint - h * (float(gain @ adjoint) + innovation / S)
-            # C' Lambda C + h' h / S, as Lambda less a symmetric matrix of rank two.
+        case _Update(h, gain, score, own):
+            adjoint = adjoint - h * (float(gain @ adjoint) + score)
+            # C' Lambda C and h' h / S, if it has that, as Lambda less a symmetric matrix of rank two.
             with_gain = information @ gain
-            half = with_gain - h * (0.5 * (float(gain @ with_gain) + 1.0 / S))
+            half = with_gain - h * (0.5 * (float(gain @ with_gain) + own))
             one_side = np.outer(h, half)
             return adjoint, information - (one_side + one_side.T)
         case _Renewal(states):

@@ -8,7 +8,7 @@ import pytest
 from icreckon import FixSeries, FixSpec, Log, Robot, Scenario, run, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.frames import rotate
+from icreckon.estimator.base.frames import rotate, wrap_angle
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.sensors.predictions import Prediction, point_on_robot
 from icreckon.simulation.simulate import run_scenario
@@ -50,6 +50,20 @@ def test_a_known_lever_arm_costs_nothing_and_an_unknown_one_half_a_metre(log, ro
     assert without < 0.04
     assert position_error(of_antenna(log), robot) < 1.2 * without
     assert position_error(of_antenna(log, known=False), robot) > 10.0 * without
+
+
+@pytest.mark.parametrize("off", [-0.9, 0.9])
+def test_a_lever_arm_at_a_wrong_heading_makes_no_yaw_sure(
+    off: float, log: Log, robot: Robot
+) -> None:
+    short = of_antenna(log.between(log.start, log.start + 15_000_000_000))
+    start = {"start": (1.0, -1.0, off), "start_sigma": (2.0, 2.0, 1.0)}
+    found, true = run(short, robot, "inertia-online", **start), log.truth.poses
+    yaw = np.interp(found.stamps, true.stamps, np.unwrap(true.poses[:, 2]))
+    apart = np.abs(wrap_angle(found.states[:, s.YAW] - yaw))
+    assert (apart < 3.5 * found.state_sigmas[:, s.YAW]).all()
+    assert apart[found.stamps > log.start + 10_000_000_000].max() < 0.1
+    assert sum(found.health.rejections().values()) == 0
 
 
 def test_an_antenna_on_a_mast_leans_over_on_a_slope(robot: Robot) -> None:

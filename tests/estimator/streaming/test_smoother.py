@@ -5,6 +5,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from conftest import holed
 from icreckon import FixSpec, Scenario, changed_robot, load_robot, run, simulate, smooth
@@ -86,74 +87,76 @@ def test_all_rows_hold_together(both):
     assert steps[:, 2] == pytest.approx(after.trajectory.twists[1:, 2] * dt[:, 0], abs=1e-2)
 
 
-class _Batch(smoother._Tape):
-    """Notes the linear system that the filter has set up, for a solution at one go.
+class _Sources(smoother._Tape):
+    """Notes the error of the filter's state as a sum of independent sources.
 
-    The error e of the filter's state is `from_sources` times independent unit-free sources, plus
-    `offset`: the start, the noise of each step, each fast slip.
+    These are the start, the noise of each step, each fast slip, and the noise of each measurement.
     """
 
     def __init__(self, ekf, fastest):
         super().__init__(ekf, fastest)
-        self.sources = [ekf.P.copy()]
-        self.maps = [np.eye(s.SIZE)]
-        self.offset = np.zeros(s.SIZE)
-        self.seen, self.rows = [], []
+        self.covariances, self.error = [], np.zeros((s.SIZE, 0))
+        self.seen, self.errors = [], []
+        self._add(ekf.P.copy(), np.eye(s.SIZE))
 
-    def _new_source(self, covariance, entry):
-        self.sources.append(covariance)
-        self.maps.append(entry)
+    def _add(self, covariance, entry):
+        self.covariances.append(covariance)
+        self.error = np.hstack([self.error, entry])
 
     def moved(self, step):
-        F = self.of_step(step.F)
         super().moved(step)
-        self.maps = [F @ each for each in self.maps]
-        self.offset = F @ self.offset
-        self._new_source(step.Q.copy(), np.eye(s.SIZE))
+        self.error = step.F @ self.error
+        self._add(step.Q.copy(), np.eye(s.SIZE))
 
     def renewed(self, covariance):
         super().renewed(covariance)
-        for each in (*self.maps, self.offset):
-            each[s.FAST_SLIP] = 0.0
-        self._new_source(covariance.copy(), np.eye(s.SIZE)[:, s.FAST_SLIP])
+        self.error[s.FAST_SLIP] = 0.0
+        self._add(covariance.copy(), np.eye(s.SIZE)[:, s.FAST_SLIP])
 
     def inflated(self, states, covariance, yaw=None):
         super().inflated(states, covariance, yaw)
-        self._new_source(covariance.copy(), np.eye(s.SIZE)[:, list(states)])
+        self._add(covariance.copy(), np.eye(s.SIZE)[:, list(states)])
 
     def updated(self, change):
-        seen, noise = self.without_fixed(change.h, change.r, change.fixed)
-        self.seen.append((change.z, [seen @ each for each in self.maps], seen @ self.offset, noise))
         super().updated(change)
-        self.offset = self.offset - change.gain * change.z
+        self._add(np.array([[change.r]]), np.zeros((s.SIZE, 1)))
+        innovation = change.h @ self.error
+        innovation[-1] = 1.0
+        self.error = self.error - np.outer(change.gain, innovation)
+        self.seen.append((innovation, change.z, s.X not in change.fixed))
 
     def record_row(self, track_speeds):
         super().record_row(track_speeds)
-        self.rows.append(([each.copy() for each in self.maps], self.offset.copy()))
+        self.errors.append((self.error.copy(), len(self.seen)))
 
     def solve(self):
-        """(n, SIZE) errors and (n, SIZE, SIZE) covariances at the rows, given all measurements."""
-        ends = np.cumsum([len(each) for each in self.sources])
-        prior = np.zeros((ends[-1], ends[-1]))
-        for end, each in zip(ends, self.sources, strict=True):
-            prior[end - len(each) : end, end - len(each) : end] = each
+        """Yield errors (SIZE,) and covariances at the rows, by each later fix of the pose in turn."""
+        of_sources = block_diag(*self.covariances)
+        count = len(of_sources)
+        seen = [(padded(row, count), *others) for row, *others in self.seen]
+        for error, so_far in self.errors:
+            error, mean = padded(error, count), np.zeros(s.SIZE)
+            for row, z, moves_pose in seen[so_far:]:
+                if moves_pose:
+                    gain = error @ of_sources @ row / (row @ of_sources @ row)
+                    error, mean = error - np.outer(gain, row), mean + gain * z
+            yield mean, error @ of_sources @ error.T
 
-        def padded(maps):
-            joined = np.concatenate(maps, axis=-1)
-            return np.concatenate(
-                [joined, np.zeros((*joined.shape[:-1], ends[-1] - joined.shape[-1]))], -1
-            )
+    def solve_at_once(self):
+        """Yield errors (SIZE,) and covariances at the rows, given all measurements: least squares."""
+        of_sources = block_diag(*self.covariances)
+        H = np.array([padded(row, len(of_sources)) for row, _, _ in self.seen])
+        y = np.array([z for _, z, _ in self.seen])
+        gain = np.linalg.solve(H @ of_sources @ H.T, H @ of_sources).T
+        covariance = of_sources - gain @ H @ of_sources
+        for error, _ in self.errors:
+            error = padded(error, len(of_sources))
+            yield error @ gain @ y, error @ covariance @ error.T
 
-        H = np.array([padded(maps) for _, maps, _, _ in self.seen])
-        y = np.array([residual - known for residual, _, known, _ in self.seen])
-        R = np.diag([variance for *_, variance in self.seen])
-        gain = np.linalg.solve(H @ prior @ H.T + R, H @ prior).T
-        mean, covariance = gain @ y, prior - gain @ H @ prior
-        found = []
-        for maps, offset in self.rows:
-            A = padded(maps)
-            found.append((A @ mean + offset, A @ covariance @ A.T))
-        return found
+
+def padded(rows, count):
+    """Rows (..., count) with zeros for the sources after them."""
+    return np.concatenate([rows, np.zeros((*rows.shape[:-1], count - rows.shape[-1]))], axis=-1)
 
 
 def said(begin, poses):
@@ -169,13 +172,13 @@ def said(begin, poses):
 
 
 @pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
-@pytest.mark.parametrize("more", [False, True], ids=["fixes", "all kinds"])
-def test_smoothed_is_the_batch_solution(variant, more, log, monkeypatch):
-    """A second of slalom with fixes, all unknowns at one go."""
+@pytest.mark.parametrize("kinds", ["tracks", "IMU", "all"])
+def test_smoothed_is_the_solution_by_brute_force(variant, kinds, log, monkeypatch):
+    """A second of slalom with fixes. Without an IMU all gains are optimal: it is least squares."""
     made = []
 
     def noted(ekf, fastest):
-        made.append(_Batch(ekf, fastest))
+        made.append(_Sources(ekf, fastest))
         return made[-1]
 
     begin = log.start + 5 * 10**9
@@ -185,22 +188,45 @@ def test_smoothed_is_the_batch_solution(variant, more, log, monkeypatch):
         log.between(begin, begin + 6 * 10**8 - 1),
         truth=None,
         fixes=FixSeries(stamps, poses, np.tile([1e-4, 1e6], (4, 1))),
-        others=said(begin, poses) if more else (),
+        others=said(begin, poses) if kinds == "all" else (),
     )
+    if kinds == "tracks":
+        short = replace(short, imu=None)
     start = tuple(interpolate_poses(log.truth.poses, np.array([begin]))[0].tolist())
     monkeypatch.setattr(smoother, "_Tape", noted)
     before, after = smooth(short, ALPHA, variant, start=start, start_sigma=(0.1, 0.1, 0.2))
     assert before.health.sensors["position"].used == 4
     assert sum(before.health.rejections().values()) == 0
-    assert ("pose" in before.health.sensors) is more
-    for row, (mean, covariance) in enumerate(made[0].solve()):
-        scale = np.sqrt(np.maximum(covariance.diagonal(), 1e-30))
-        apart = after.states[row] - before.states[row] - mean
-        assert np.abs(apart / scale)[scale > 1e-9].max() < 1e-6
-        assert after.state_sigmas[row] == pytest.approx(scale, rel=1e-6, abs=1e-8)
-        assert after.trajectory.pose_covariances[row] == pytest.approx(
-            covariance[s.POSE, s.POSE], rel=1e-6, abs=1e-12
-        )
+    assert ("pose" in before.health.sensors) is (kinds == "all")
+    solutions = [made[0].solve()] + [made[0].solve_at_once()] * (kinds == "tracks")
+    for solution in solutions:
+        for row, (mean, covariance) in enumerate(solution):
+            scale = np.sqrt(np.maximum(covariance.diagonal(), 1e-30))
+            apart = after.states[row] - before.states[row] - mean
+            assert np.abs(apart / scale)[scale > 1e-9].max() < 1e-6
+            assert after.state_sigmas[row] == pytest.approx(scale, rel=1e-6, abs=1e-8)
+            assert after.trajectory.pose_covariances[row] == pytest.approx(
+                covariance[s.POSE, s.POSE], rel=1e-6, abs=1e-12
+            )
+
+
+def test_the_smoothed_yaw_is_as_sure_as_it_may_be():
+    """Of a robot whose gyro may have a scale, with precise fixes."""
+    changes = {"imu.gyro_scale_sigma": 0.003, "imu.gyro_noise_density": 1e-4}
+    robot = changed_robot(ALPHA, changes)
+    fixes, rates = FixSpec(sigma=0.02), {"track_rate": 25.0, "imu_rate": 50.0, "fix_rate": 5.0}
+    scenario = Scenario(duration=40.0, seed=1, noise="industrial", fixes=fixes, **rates)
+    drive = simulate(scenario, robot)
+    runs = smooth(drive, robot, "inertia-online")
+    before, after = (np.sqrt(np.mean(errors(one, drive, 10.0, 38.0)[:, 2] ** 2)) for one in runs)
+    sigma = runs.smoothed.state_sigmas[:, s.YAW]
+    assert after < before
+    assert after < 1.5 * sigma.mean()
+
+
+def test_after_the_last_fix_a_smoothed_estimate_is_that_of_the_filter(log):
+    before, after = smooth(replace(log, fixes=None, truth=None), ALPHA, "inertia-online")
+    np.testing.assert_allclose(after.states, before.states, rtol=1e-12, atol=1e-12)
 
 
 def test_an_accelerometer_that_reads_too_much_does_not_stretch_the_path(log):
