@@ -26,8 +26,8 @@ WITHOUT_FAULTS, WITH_FAULTS = (
 """Those of the runs without faults, and with them, by the first words of their names."""
 HEIGHTS = f"{ESTIMATES}#height"
 """Those of heights, roll and pitch."""
-ESTIMATED_LATENCY = ": late"
-"""End of the names of runs that estimate the latency of the tracks, which no table does."""
+IN_NO_TABLE = ": late", ": smoothed"
+"""Ends of the names of runs that estimate the latency of the tracks, or are smoothed."""
 KINDS = (".py", ".toml")
 LENGTH = 8
 LAYOUT = {
@@ -75,7 +75,7 @@ def digest(*names: str) -> str:
     """Digest of all sources of some folders and files, named from the root of the repository.
 
     FILE#WORD,... stands for the values of a JSON file whose names begin with one of the words, and do not
-    end in `ESTIMATED_LATENCY`.
+    end in one of `IN_NO_TABLE`.
     """
     hashed = hashlib.sha256()
     for name in names:
@@ -85,7 +85,7 @@ def digest(*names: str) -> str:
             chosen = {
                 run: runs[run]
                 for run in sorted(runs)
-                if run.split()[0] in words.split(",") and not run.endswith(ESTIMATED_LATENCY)
+                if run.split()[0] in words.split(",") and not run.endswith(IN_NO_TABLE)
             }
             hashed.update(json.dumps(chosen).encode())
     for path in sources(name for name in names if "#" not in name):
