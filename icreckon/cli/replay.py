@@ -93,7 +93,7 @@ def command(
         bool,
         Option(
             "--smooth",
-            help="Smooth each run, too: every pose from all measurements, also later ones; "
+            help="Smooth each run, too: later fixes correct each pose; "
             "as variants NAME-smoothed.",
         ),
     ] = False,
