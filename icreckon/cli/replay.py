@@ -93,8 +93,7 @@ def command(
         bool,
         Option(
             "--smooth",
-            help="Smooth each run, too: later fixes correct each pose; "
-            "as variants NAME-smoothed.",
+            help="Smooth each run, too: later fixes correct each pose; as variants NAME-smoothed.",
         ),
     ] = False,
     formats: options.Formats = None,
