@@ -85,8 +85,8 @@ def command(
     kind = cast("Format", bag_format)
     loaded = load_robot(robot)
     check_place(out, kind, loaded, overwrite=overwrite)
-    options = {"trajectory": trajectory, "duration": duration, "seed": seed, "noise": noise}
-    options |= {"fix_rate": fix_rate, "include_truth": include_truth}
+    options: dict[str, Any] = {"trajectory": trajectory, "duration": duration, "seed": seed}
+    options |= {"noise": noise, "fix_rate": fix_rate, "include_truth": include_truth}
     changes = {name: value for name, value in options.items() if value is not None}
     if outages:
         changes["outages"] = [_outage(text) for text in outages]
