@@ -247,7 +247,7 @@ class _Assembly:
         rows[:, measured] = found
         rates, forces = rows[:, :3], rows[:, 3:]
         if self.robot.imu.gyro_axes == "z":
-            rates[:, :2] = 0.0
+            np.nan_to_num(rates[:, :2], copy=False, posinf=0.0, neginf=0.0)
         absent = np.isnan(forces).any(axis=1, keepdims=True)
         keep = self._screened(stream, stamps, np.hstack([rates, np.where(absent, 0.0, forces)]))
         if not keep.any():
