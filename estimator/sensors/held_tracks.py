@@ -53,6 +53,10 @@ class TrackRecord(msgspec.Struct):
     """Record of the track speeds; each is the average since the previous sample."""
 
     stamp: Stamp = NEVER  # stamp of the newest sample [ns], or NEVER
+    # `stamp`, or the stamp of a later sample that is averaged with the next ones; averages since `stamp`
+    arrived: Stamp = NEVER
+    average_left: float = 0.0  # of the left track [m/s]
+    average_right: float = 0.0  # of the right track [m/s]
     left: float = 0.0  # newest speed of the left track [m/s]
     right: float = 0.0  # newest speed of the right track [m/s]
     interval: Interval = USUAL_TRACK_INTERVAL  # time between the newest two samples [s]
@@ -79,10 +83,6 @@ class TrackRecord(msgspec.Struct):
     ahead_left: float = 0.0  # distance of the left track from then to the newest sample [m]
     ahead_right: float = 0.0  # distance of the right track [m]
     behind: float = 0.0  # distance before then that the newest sample adds, mean of both tracks [m]
-    # `stamp`, or the stamp of a later sample that is averaged with the next ones; averages since `stamp`
-    arrived: Stamp = NEVER
-    average_left: float = 0.0  # of the left track [m/s]
-    average_right: float = 0.0  # of the right track [m/s]
 
 
 def smoothing_share(interval: float, time_constant: float) -> float:
