@@ -137,7 +137,7 @@ KERNELS: dict[str, Callable[[str, FilterShape], Kernel]] = {
     "inside": _inside_kernel,
     "begin": partial(step_kernel, kind=BEGIN),
     "stand": partial(step_kernel, kind=PART._replace(imu=False, may_stand=True)),
-    "update": partial(step_kernel, kind=PART._replace(may_lack_force=True)),
+    "update": partial(step_kernel, kind=PART),
     "propagate": partial(step_kernel, kind=PART._replace(imu=False, moves=True)),
     "position": partial(position_kernel, kind=AHEAD),
     "heading": partial(heading_kernel, kind=AHEAD),

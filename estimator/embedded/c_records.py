@@ -51,6 +51,8 @@ class Records:
                 lines.append(f"    {integer} {field};")
             fields.append((field, c_type))
         self.types[record_type] = Type("record", name, tuple(fields))
+        # Those of four bytes last: between others they would need padding.
+        lines.sort(key=lambda line: line.split()[0] in ("int32_t", "icr_real"))
         self.text.append("\n".join(["typedef struct {", *lines, f"}} {name};", ""]))
         return self.types[record_type]
 

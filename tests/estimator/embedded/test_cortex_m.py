@@ -43,7 +43,7 @@ BOARDS = {
         32,
         168e6,
         0.05,
-        6 * KIB + 16,  # 16 bytes more since averages of coarse encoders are in the record
+        6 * KIB,
         6 * KIB,
     ),
     "Cortex-M7, double": Board(
