@@ -279,8 +279,7 @@ def _kernels(
     `moves` are 1 for steps without an IMU sample that are ticks, 0 for others; `positions` and `headings`
     are each `time_of_fix`.
     """
-    usual = StepKind(accelerometer=uses_force, may_lack_force=True)
-    move = StepKind(imu=False, accelerometer=False)
+    usual, move = StepKind(accelerometer=uses_force), StepKind(imu=False, accelerometer=False)
     steps = move, move.reporting()
     full = usual._replace(may_stand=True).reporting()
     update = full._replace(draws=False, moves=False, fast_slip=False)

@@ -390,8 +390,6 @@ class Lane:
         inside = trace.repeat(is_outside, before, a_round, BOUND_ROUNDS)[:-1]
         for i, value in zip(states, inside, strict=True):
             x[i] = value
-        changes = [after - earlier for after, earlier in zip(inside, before, strict=True)]
-        self.report("projected", changes, states)
 
     def _projected(
         self, bounds: Iterable[Bound], fixed: Sequence[int], *values: Real

@@ -44,7 +44,7 @@ from icreckon.estimator.tracing.kernel import Kernel
 
 PARAMETERS, FAST_SLIP = s.PARAMETERS.start, s.FAST_SLIP.start
 # Steps of a filter that reports its changes, in the order of `lane_functions`; and position fixes.
-OF_SAMPLE = StepKind(may_stand=True, may_lack_force=True, innovations=True, fast_slip=True)
+OF_SAMPLE = StepKind(may_stand=True, innovations=True, fast_slip=True)
 OF_TIME = StepKind(imu=False, accelerometer=False, fast_slip=True)
 STEPS = {
     DRIVING_STEP: ("driving_step", OF_SAMPLE._replace(may_stand=False)),

@@ -39,7 +39,6 @@ class StepKind(NamedTuple):
     may_stand: bool = False  # it finds the lanes that stand at its end
     imu: bool = True  # there is an IMU sample at its end
     accelerometer: bool = True  # update with the sample's specific force
-    may_lack_force: bool = False  # lanes may lack the specific force, which is NaN then
     twist: bool = False  # compute the body velocity at its end
     innovations: bool = False  # store innovations and their covariances
     fast_slip: bool = False  # store the fast slip at its end
@@ -309,10 +308,9 @@ class Step:
                 row[state] = row.get(state, 0.0) + derivative
         linearised_at = self.linearised_at
         predicted = forecast.predicted + linearised_at[bias] - linearised_at[gravity]
-        force, used = lane.input(INPUT_FORCES[axis]), lane.input("unknown") < 0.5
-        if self.kind.may_lack_force:
-            used = used & (force == force)
-            force = select(used, force, 0.0)
+        force = lane.input(INPUT_FORCES[axis])  # NaN if there is none
+        used = (lane.input("unknown") < 0.5) & (force == force)
+        force = select(used, force, 0.0)
         z = force - predicted - shift_of(row, lane.x, linearised_at)
         lane.gated(
             ACCELEROMETERS[axis],

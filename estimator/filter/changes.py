@@ -21,7 +21,7 @@ class Event(NamedTuple):
 
     # "renewed": new fast slip, upper triangle (6) of its covariance; "inflated": upper triangle of a
     # covariance that is added to states; "motion": likewise, an error of the motion; "updated": see
-    # `Updated`; "projected": change (n,) of the state by its bounds; "moved": see `moved_values`
+    # `Updated`; "moved": see `moved_values`
     kind: str
     states: tuple[int, ...]  # n states that the values are of
     fixed: tuple[int, ...]  # states that an update does not move
@@ -64,9 +64,6 @@ class Listener(Protocol):
     def updated(self, change: Updated) -> None:
         """Scalar update."""
 
-    def projected(self, change: Floats) -> None:
-        """Projection of the state to its bounds by this change (size,)."""
-
     def moved(self, step: Moved) -> None:
         """Step of the filter."""
 
@@ -100,10 +97,6 @@ class Events:
                     listener.updated(Updated(z, r, S, is_sharp > 0.0, h, cross, gain, fixed))
             elif kind == "moved":
                 listener.moved(_moved(values[begin:end], states, size))
-            elif kind == "projected":
-                change = np.zeros(size)
-                change[states] = values[begin:end]
-                listener.projected(change)
             else:
                 motion_yaw = yaw if kind == "motion" else None
                 listener.inflated(states, _symmetric(values[begin:end], len(states)), motion_yaw)

@@ -151,11 +151,6 @@ class Ekf:
         if self.observer is not None:
             self.observer.updated(change)
 
-    def projected(self, change: Floats) -> None:
-        """Pass on a projection to the bounds."""
-        if self.observer is not None:
-            self.observer.projected(change)
-
     def moved(self, step: Moved) -> None:
         """Pass on a step."""
         if self.clones is not None:
@@ -231,11 +226,8 @@ class Ekf:
 
     def keep_inside_bounds(self) -> None:
         """Project parameters to the model's bounds; pose and consider states stay."""
-        before = self.x
-        fixed = (*POSE_FIXED, *self.considered, *range(s.SIZE, len(before)))
-        self.x = inside(before, self.P, self._bounds, fixed)
-        if self.x is not before:
-            self.projected(self.x - before)
+        fixed = (*POSE_FIXED, *self.considered, *range(s.SIZE, len(self.x)))
+        self.x = inside(self.x, self.P, self._bounds, fixed)
 
 
 def update(

@@ -181,9 +181,6 @@ class _Tape:
     def inflated(self, states: Sequence[int], covariance: Floats, yaw: float | None = None) -> None:
         """Record nothing: an added error is independent of all before it, see `Observer`."""
 
-    def projected(self, change: Floats) -> None:
-        """Record nothing: it is part of the filter's estimate, see `Observer`."""
-
     def updated(self, change: Updated) -> None:
         """Record a scalar update, see `Observer`."""
         moves_pose = not set(POSE_FIXED) <= set(change.fixed)
