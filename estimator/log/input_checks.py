@@ -309,8 +309,8 @@ class Admission:
         plain = as_plain(measurement)
         if isinstance(plain, ImuSample):
             rates, force = plain.angular_velocity, plain.linear_acceleration
-            if self._gyro_axes == "z":
-                rates = 0.0, 0.0, rates[2]
+            if self._gyro_axes == "z" and not all(abs(rate) <= ABSURD_RATE for rate in rates[:2]):
+                rates = 0.0, 0.0, rates[2]  # of axes that are not used
             if force is not None and any(map(math.isnan, force)):
                 force = None  # drivers publish NaN if there is no accelerometer
             plain = ImuSample(plain.stamp, rates, force)
