@@ -11,6 +11,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.log.measurements import HeadingFix, ImuSample, PoseFix, TrackSpeeds
+from icreckon.estimator.log.scores import pose_nees
 from icreckon.estimator.motion.icr import IndexValues, direct
 from icreckon.estimator.robot.robot_file import Indices, changed_robot, load_robot
 from icreckon.simulation.truth.true_motion import exponential
@@ -215,3 +216,28 @@ def test_biases_of_roll_and_pitch_rate_are_learnt() -> None:
     biases = [s.GYRO_BIAS_X, s.GYRO_BIAS_Y]
     assert other[biases] - plain[biases] == pytest.approx(more, abs=0.001)
     assert other[s.GRAVITY] == pytest.approx(plain[s.GRAVITY], abs=0.05)
+
+
+@pytest.mark.slow
+def test_a_z_gyro_on_hills_needs_the_slopes_of_the_hills() -> None:
+    """Marmotte's gyro leans by 10 degrees: roll rates of the body appear in its reading, too."""
+    robot = load_robot("marmotte")
+    hilly = changed_robot(robot, {"slope.sigma": 1.7, "slope.walk": 0.6})
+    nees: dict[str, list[float]] = {"gentle": [], "hilly": []}
+    for seed in range(4):
+        scenario = Scenario(
+            duration=160.0,
+            seed=seed,
+            noise="industrial",
+            outages=((60.0, 160.0),),
+            terrain=Terrain(rolling_deg=10.0),
+        )
+        log = simulate(scenario, robot)
+        assert log.truth is not None
+        after_fixes = [(log.start + 70 * 10**9, log.end)]
+        for name, file in (("gentle", robot), ("hilly", hilly)):
+            trajectory = run(log, file, "inertia-online").trajectory
+            values = pose_nees(trajectory, log.truth.poses, within=after_fixes)
+            nees[name].append(float(values.mean()))
+    # 3 is ideal.
+    assert np.mean(nees["hilly"]) < 3.0 < 6.0 < np.mean(nees["gentle"])
