@@ -40,11 +40,6 @@ def survives(folder: Path, seconds: float, seed: int, cc: str = "gcc") -> None:
     assert done.stderr == ""
 
 
-def test_a_hostile_minute(tmp_path: Path) -> None:
-    """The smallest filter, which compiles in a third of the time of the largest."""
-    survives(written(tmp_path, "gyro", 32), 90.0, 1)
-
-
 ALL = [(one, bits, "gcc") for one in ("gyro", "full-linear", "inertia-online") for bits in (64, 32)]
 # Clang takes twice as long.
 OTHERS = [("gyro", 32, "clang"), ("full-linear", 64, "clang"), ("inertia-online", 32, "clang")]

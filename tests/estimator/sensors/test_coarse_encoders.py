@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from conftest import thorough
 from icreckon import (
     EncoderSpec,
     ImuSample,
@@ -60,9 +61,9 @@ def percent(log: Log, run: Run) -> float:
 @pytest.mark.parametrize(
     ("name", "variant", "count", "rate"),
     [
-        ("auriga-alpha", "gyro", COUNT, 50.0),
+        thorough("auriga-alpha", "gyro", COUNT, 50.0),
         ("auriga-alpha", "inertia-online", 0.01, 50.0),
-        ("auriga-alpha", "inertia-online", 0.02, 20.0),
+        thorough("auriga-alpha", "inertia-online", 0.02, 20.0),
         ("husky", "constant-online", COUNT, 50.0),
         ("husky", "inertia-online", COUNT, 50.0),
     ],
