@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from copy import copy
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from icreckon.estimator.base import state as s
@@ -121,23 +120,7 @@ class SensorHealth:
 
     def copy(self) -> SensorHealth:
         """Copy the counts."""
-        copied = copy(self)
-        copied.rejected = self.rejected.copy()
-        return copied
-
-    def add(self, other: SensorHealth) -> None:
-        """Add the counts of another."""
-        self.used += other.used
-        for reason, count in other.rejected.items():
-            self.rejected[reason] = self.rejected.get(reason, 0) + count
-        self.nis_sum += other.nis_sum
-        self.degrees += other.degrees
-        self.late += other.late
-        self.reacquired += other.reacquired
-        if self.judged_count < other.judged_count:
-            self.newest_nis, self.recent_nis = other.newest_nis, other.recent_nis
-            self.newest_judged = other.newest_judged
-        self.judged_count += other.judged_count
+        return replace(self, rejected=self.rejected.copy())
 
 
 @dataclass(frozen=True)
@@ -300,25 +283,8 @@ class Health:
 
     def copy(self) -> Health:
         """Copy the counts."""
-        copied = copy(self)
-        copied.sensors = {name: sensor.copy() for name, sensor in self.sensors.items()}
-        copied.noise, copied.times = self.noise.copy(), self.times.copy()
-        copied.findings = self.findings.copy()
-        return copied
-
-    def add(self, other: Health) -> None:
-        """Add the counts of another, and replace events and estimates by its own, if any."""
-        for name, sensor in other.sensors.items():
-            self.sensor(name).add(sensor)
-        self.noise.update(other.noise)
-        for fault, count in other.times.items():
-            self.times[fault] = self.times.get(fault, 0) + count
-        for name in [attribute.name for attribute in fields(self)]:
-            value, default = getattr(other, name), getattr(Health(), name)
-            if isinstance(value, int):
-                setattr(self, name, getattr(self, name) + value)
-            elif not isinstance(value, dict) and value != default:
-                setattr(self, name, value)
+        sensors = {name: sensor.copy() for name, sensor in self.sensors.items()}
+        return replace(self, sensors=sensors)
 
 
 def add_findings(health: Health, record: Any, x: Floats, P: Floats, imu: Imu) -> None:
@@ -340,9 +306,13 @@ def add_findings(health: Health, record: Any, x: Floats, P: Floats, imu: Imu) ->
 
 
 def add_arrivals(health: Health, arrivals: Health) -> None:
-    """Add the counts of refused measurements, and what they show."""
-    health.add(arrivals)
+    """Add the counts of refused and late measurements, and findings from them."""
+    health.clock_steps += arrivals.clock_steps
     for stream, counts in arrivals.sensors.items():
+        counted = health.sensor(stream)
+        counted.late += counts.late
+        for reason, count in counts.rejected.items():
+            counted.rejected[reason] = counted.rejected.get(reason, 0) + count
         sensor = health.sensors.get("gyro" if stream == "imu" else stream, SensorHealth())
         reached = max(sensor.used, sensor.judged_count)
         health.findings += refused_stream(stream, counts.rejected, reached)

@@ -131,7 +131,9 @@ class Reckoning:
         health = self._counts.copy()
         for name, gate in self._gates.items():
             if gate.counts.judged:
-                health.sensor(name).add(gate.health())
+                gated = gate.health()
+                gated.rejected |= health.sensor(name).rejected
+                health.sensors[name] = gated
         add_findings(health, self.record, self.ekf.x, self.ekf.P, self._prior)
         for name, gate in self._fix_gates.items():
             if name != "position":
