@@ -38,7 +38,9 @@ class Ground(NamedTuple):
     x: Floats  # (m,) contact points, left track first, right of the origin [m]
     y: Floats  # (m,) contact points, forward of the origin [m]
     share: Floats  # (m,) share of each point in the load under even pressure, sum 1 [-]
-    even: Floats  # (3, 3) inverse of all points' moments of 1, x, y
+    # (3, 3) inverse of all points' moments of 1, x, y, weighted by their shares; times (1, x, y) of the
+    # centre of pressure it is (a, b, c) of the planar loads
+    even: Floats
     half_gauge: float  # L / 2 [m]
     # half width, rear and front end of the rectangle around all points [m]
     outline: tuple[float, float, float]

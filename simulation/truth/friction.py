@@ -188,8 +188,7 @@ def drive(
         grid = (np.ascontiguousarray(values[span]) for values in (speeds, speed_rates))
         tracks = ode.DrivenTracks(first * step, step, *grid)
         motion = ode.GridMotion(pose, states[span], slopes[span], tipping[span], residual[span])
-        allowed = ode.Tolerance(tolerance, tolerance * scales)
-        steps = ode.integrate(vehicle, surface, rows, tracks, allowed, motion)
+        steps = ode.integrate(vehicle, surface, rows, tracks, tolerance, scales, motion)
         if steps < 0:  # minus the index of the grid point that was not reached
             raise SimulationError(
                 f"the motion cannot be integrated beyond {(first - steps) * step:.3f} s: "
