@@ -1,24 +1,33 @@
 """Job queue of a study: blocks are submitted, stored, and submitted again if lost."""
 
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import IcreckonError
+from icreckon.estimator.base.worker_processes import worker_processes
 from icreckon.estimator.streaming.lost import described
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.engines import Block, Engine
 from icreckon.simulation.running.manifest import computing_versions
 from icreckon.simulation.running.store import BlockStore, Job, Reasons
-from icreckon.simulation.running.workers import AHEAD, OpenWorkers
 from icreckon.simulation.study.cells import Cell, Plan
 from icreckon.simulation.study.failures import RunScores, exclude_failed, unscored
 
+BLOCKS_PER_WORKER = 2  # blocks queued: no worker is ever idle, and little is lost if one dies
 MOST_TRIES = 4  # A block is not tried again after this many workers have died in it
 POLL_SECONDS = 0.5  # longest wait for blocks between checks for signals [s]
 
@@ -64,7 +73,7 @@ def _run_by_run(block: Block, cell: Cell, first_run: int, count: int) -> RunScor
     scores = unscored(len(cell.filters), count, cell.horizons)
     for place, row in np.ndindex(scores.reasons.shape):
         try:
-            of_one = block(cell, [cell.filters[place]], first_run + row, 1)
+            single = block(cell, [cell.filters[place]], first_run + row, 1)
         except MemoryError:
             raise
         except IcreckonError as problem:
@@ -72,9 +81,21 @@ def _run_by_run(block: Block, cell: Cell, first_run: int, count: int) -> RunScor
         except Exception as problem:
             scores.reasons[place, row] = described(problem)
         else:
-            scores.values[place, row] = of_one.values[0, 0]
-            scores.reasons[place, row] = of_one.reasons[0, 0]
+            scores.values[place, row] = single.values[0, 0]
+            scores.reasons[place, row] = single.reasons[0, 0]
     return scores
+
+
+@contextmanager
+def _worker_threads(count: int) -> Iterator[Executor]:
+    """Open threads; if the block raises an error, do not wait for them."""
+    pool = ThreadPoolExecutor(count)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
 
 
 class Runner:
@@ -98,8 +119,8 @@ class Runner:
         self._progress = Progress(found, len(jobs), found, runs=0, runs_left=left)
         self._lost: Counter[Job] = Counter()
 
-    def run(self, open_workers: OpenWorkers, count: int) -> None:
-        """Run until all blocks are finished; `count` workers that died are opened again.
+    def run(self, workers: int, executor: Executor | None) -> None:
+        """Run all blocks on an executor, or else on workers; open workers that died again.
 
         Raises:
             SimulationError: a block fails, or its workers die repeatedly.
@@ -107,8 +128,14 @@ class Runner:
         self._report(self._progress)
         while self._waiting:
             # If workers die, all submitted blocks are queued again; the next workers are new.
-            with open_workers() as workers, suppress(BrokenExecutor):
-                self._work_through(workers.submit, AHEAD * count)
+            with self._opened(workers, executor) as pool, suppress(BrokenExecutor):
+                self._work_through(pool.submit, BLOCKS_PER_WORKER * workers)
+
+    def _opened(self, workers: int, executor: Executor | None) -> AbstractContextManager[Executor]:
+        """Executor of the caller, who closes it, or else threads or processes."""
+        if executor is not None:
+            return nullcontext(executor)
+        return _worker_threads(workers) if self._engine.threads else worker_processes(workers)
 
     def _work_through(self, submit: Callable[..., Future[Worked]], most: int) -> None:
         """Settle all blocks, `most` at once; if workers die, queue theirs again and raise."""

@@ -127,7 +127,7 @@ def test_a_finished_study_is_not_worked_out_again(tmp_path, undisturbed):
     assert contents(folder) == undisturbed
 
 
-@pytest.mark.parametrize("damage", ["cut", "turned", "other", "shape", "flat"])
+@pytest.mark.parametrize("damage", ["cut", "turned", "other"])
 def test_a_damaged_block_is_worked_out_again(tmp_path, undisturbed, damage):
     folder = tmp_path / "undisturbed"
     block = sorted((folder / "blocks").iterdir())[1]
@@ -137,15 +137,9 @@ def test_a_damaged_block_is_worked_out_again(tmp_path, undisturbed, damage):
     elif damage == "turned":
         middle = len(whole) // 3
         block.write_bytes(whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :])
-    elif damage == "other":
-        with np.load(block) as data:
-            np.savez(block, **{**data, "digest": np.array("sha256:other")})
-    elif damage == "flat":
-        with np.load(block) as data:
-            np.savez(block, **{**data, "values": data["values"].ravel()})
     else:
         with np.load(block) as data:
-            np.savez(block, **{**data, "values": data["values"][:, :1]})
+            np.savez(block, **{**data, "digest": np.array("sha256:other")})
     told = []
     run_study(STUDY, folder, workers=1, report=told.append)
     assert told[0].found_blocks == 5
