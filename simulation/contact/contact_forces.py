@@ -261,8 +261,8 @@ def add_steady_balance(
 
 
 @compiled
-def solve_3(matrix: Any, right_hand_side: Any, solution: Any) -> bool:
-    """Solve a 3 by 3 system by cofactors; if it is singular, set zero, return False."""
+def _solve_3(matrix: Any, right_hand_side: Any, solution: Any) -> None:
+    """Solve a 3 by 3 system by cofactors; the solution of a singular one is set to zero."""
     a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
     d, e, f = matrix[1, 0], matrix[1, 1], matrix[1, 2]
     g, h, i = matrix[2, 0], matrix[2, 1], matrix[2, 2]
@@ -271,11 +271,10 @@ def solve_3(matrix: Any, right_hand_side: Any, solution: Any) -> bool:
     determinant = a * first + b * second + c * third
     if determinant == 0.0:
         solution[:] = 0.0
-        return False
+        return
     solution[0] = (first * x + (c * h - b * i) * y + (b * f - c * e) * z) / determinant
     solution[1] = (second * x + (a * i - c * g) * y + (c * d - a * f) * z) / determinant
     solution[2] = (third * x + (b * g - a * h) * y + (a * e - b * d) * z) / determinant
-    return True
 
 
 @compiled
@@ -327,7 +326,7 @@ def newton_of_many(
                 for row in range(3):
                     jacobian[row] *= unit[row]
                 # A singular Jacobian gives a zero step, which improves nothing: the pair is stuck.
-                solve_3(jacobian, values, step)
+                _solve_3(jacobian, values, step)
                 step_share = 1.0
             else:
                 step_share *= 0.5

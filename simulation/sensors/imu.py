@@ -73,7 +73,7 @@ class Imu:
     accelerometer_bias: Floats  # (n, 3) in the IMU's axes [m/s²]
 
 
-def perfect_readings(
+def perfect_imu(
     motion: TrueMotion, times: Floats, rate: float, robot: Robot
 ) -> tuple[Floats, Floats]:
     """IMU readings without errors, for its place and mounting in the robot file.
@@ -104,7 +104,7 @@ def with_inertial_errors(
 ) -> Imu:
     """Add IMU errors to error-free readings; x and y of "z" gyros become zero.
 
-    The `perfect` readings are those of `perfect_readings`, at `times` (n,) [s], with a `rate` in Hz. Gyro
+    The `perfect` readings are those of `perfect_imu`, at `times` (n,) [s], with a `rate` in Hz. Gyro
     and accelerometer have a generator each, which draws their errors.
     """
     rates, forces = perfect

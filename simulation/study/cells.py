@@ -3,7 +3,7 @@
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -79,8 +79,11 @@ class Plan:
         return tuple(spec.label for spec in self.study.filters())
 
 
-# Point of an axis or a Latin hypercube: its values by axis, and changes by dotted key.
-_Point = tuple[dict[str, Value], dict[str, Any]]
+class _Point(NamedTuple):
+    """Point of an axis or a Latin hypercube."""
+
+    values: dict[str, Value]  # axis -> value
+    changes: dict[str, Any]  # dotted key -> value
 
 
 def expand(study: Study) -> Plan:
@@ -100,8 +103,11 @@ def expand(study: Study) -> Plan:
         )
     cells = []
     for index, points in enumerate(itertools.product(*dimensions)):
-        values = {axis: value for by_axis, _ in points for axis, value in by_axis.items()}
-        changes = {key: value for _, by_key in points for key, value in by_key.items()}
+        values: dict[str, Value] = {}
+        changes: dict[str, Any] = {}
+        for point in points:
+            values |= point.values
+            changes |= point.changes
         cells.append(_cell(study, robot, index, values, changes))
     terrain, default = study.scenario.terrain, Terrain()
     set_keys = [key for key in NEEDS if getattr(terrain, key) != getattr(default, key)]
@@ -124,17 +130,17 @@ def _dimensions(study: Study) -> tuple[tuple[Axis, ...], list[list[_Point]]]:
         )
         axes.append(Axis(key, _scale_of(values), values))
         pairs = zip(values, raw_values, strict=True)
-        dimensions.append([({key: value}, {key: raw}) for value, raw in pairs])
+        dimensions.append([_Point({key: value}, {key: raw}) for value, raw in pairs])
     for axis, changes_by_case in sweep.cases.items():
         axes.append(Axis(axis, "names", tuple(changes_by_case)))
-        dimensions.append([({axis: case}, changes) for case, changes in changes_by_case.items()])
+        cases = changes_by_case.items()
+        dimensions.append([_Point({axis: case}, changes) for case, changes in cases])
     if sweep.latin is not None:
         points = latin_points(sweep.latin, study.seed)
-        for key, (_, _, *scales) in sweep.latin.ranges.items():
-            scale = cast(Scale, scales[0] if scales else "linear")
+        for key, (_, _, *scale) in sweep.latin.ranges.items():
             rising = tuple(sorted(point[key] for point in points))
-            axes.append(Axis(key, scale, rising, sampled=True))
-        dimensions.append([(dict(point), dict(point)) for point in points])
+            axes.append(Axis(key, "log" if scale == ["log"] else "linear", rising, sampled=True))
+        dimensions.append([_Point(dict(point), dict(point)) for point in points])
     return tuple(axes), dimensions
 
 
@@ -144,25 +150,27 @@ def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
 
     ranges = latin.ranges
     sampler = qmc.LatinHypercube(len(ranges), seed=np.random.default_rng([seed, len(ranges)]))
-    # From 0 to 1, a row for each point and a column for each key.
-    shares = sampler.random(latin.points)
-    columns = {}
+    shares = sampler.random(latin.points)  # (points, keys) from 0 to 1
+    points: list[dict[str, float]] = [{} for _ in shares]
     for (key, (lowest, highest, *scale)), share in zip(ranges.items(), shares.T, strict=True):
         low, high = float(lowest), float(highest)
         column = low * (high / low) ** share if scale == ["log"] else low + (high - low) * share
-        columns[key] = [float(f"{value:.6g}") for value in column.tolist()]
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        for point, value in zip(points, column.tolist(), strict=True):
+            point[key] = float(f"{value:.6g}")
+    return points
 
 
-def _aware_of_wander(settings: Settings, robot: Robot, scenario: Scenario) -> Settings:
+def _with_wander(settings: Settings, robot: Robot, scenario: Scenario) -> Settings:
     """Settings with the wander of the scenario's fixes, unless they have one."""
-    # The wander of a robot file is that of the fixes of its logs.
     errors = errors_of(scenario, robot).fixes
-    wanders = errors.wander_sigma > 0.0
-    if settings.wander is not None or not (wanders or FixWander.of(robot).sigma):
+    if settings.wander is not None:
         return settings
-    wander = FixWander(errors.wander_sigma, errors.wander_time) if wanders else FixWander()
-    return msgspec.structs.replace(settings, wander=wander)
+    if errors.wander_sigma > 0.0:
+        wander = FixWander(errors.wander_sigma, errors.wander_time)
+        return msgspec.structs.replace(settings, wander=wander)
+    # The wander of a robot file is that of the fixes of its logs, not of simulated ones.
+    file_has_wander = FixWander.of(robot).sigma > 0.0
+    return msgspec.structs.replace(settings, wander=FixWander()) if file_has_wander else settings
 
 
 def _cell(
@@ -172,17 +180,12 @@ def _cell(
     robot_changes: dict[str, dict[str, Any]] = {root: {} for root in ROBOTS}
     scenario_changes = {}
     for key, value in changes.items():
-        if (root := _root(key)) in ROBOTS:
+        root = _root(key)
+        if root in ROBOTS:
             robot_changes[root][key.removeprefix(f"{root}.")] = value
         else:
             scenario_changes[key] = value
-    outage = scenario_changes.pop(OUTAGE, None)
-    if outage is not None and "outages" in scenario_changes:
-        raise SimulationError("sweep: outage and outages exclude each other; leave one out")
-    nested = nest(scenario_changes) | {"seed": study.seed}
-    scenario = change_scenario(study.scenario, nested, f"sweep of {study.name}")
-    if outage is not None:
-        scenario = _with_outage(scenario, outage)
+    scenario = _changed_scenario(study, scenario_changes)
     robot = _changed_robot(robot, nest(robot_changes[ROBOT]), ROBOT)
     true_robot = _changed_robot(robot, nest(robot_changes[TRUE_ROBOT]), TRUE_ROBOT)
     modelled = _with_noise_of(robot, true_robot, scenario) if study.filters_know_noise else robot
@@ -190,7 +193,7 @@ def _cell(
     filters = []
     for spec in study.filters():
         own_robot = _changed_robot(modelled, spec.robot, f"robot of {spec.label}")
-        settings = _aware_of_wander(spec.made_settings(), own_robot, scenario)
+        settings = _with_wander(spec.made_settings(), own_robot, scenario)
         assumptions(own_robot, find_variant(spec.variant), settings)  # raises if they do not fit
         filters.append(Filter(spec.label, spec.variant, own_robot, settings))
     truths, horizons = study.truths, study.horizons
@@ -248,15 +251,24 @@ def _changed_robot(robot: Robot, changes: dict[str, Any], source: str) -> Robot:
     return convert(data, Robot, source, EstimatorError)
 
 
-def _with_outage(scenario: Scenario, length: Any) -> Scenario:
-    """Scenario with one outage, its last `length` seconds; with none if that is 0."""
-    if not (is_finite(length) and 0.0 <= length <= scenario.duration):
-        raise SimulationError(
-            f"outage must be from 0 to the duration of the run, {scenario.duration:g} s, "
-            f"found {length!r}"
-        )
+def _changed_scenario(study: Study, changes: dict[str, Any]) -> Scenario:
+    """Scenario of a study with changes (dotted key -> value) and the study's seed.
+
+    `OUTAGE` is the length [s] of one outage, at the end of the run; 0 for none.
+    """
+    outage = changes.pop(OUTAGE, None)
+    if outage is not None and "outages" in changes:
+        raise SimulationError("sweep: outage and outages exclude each other; leave one out")
+    nested = nest(changes) | {"seed": study.seed}
+    scenario = change_scenario(study.scenario, nested, f"sweep of {study.name}")
+    if outage is None:
+        return scenario
     end = scenario.duration
-    outages = ((end - float(length), end),) if length else ()
+    if not (is_finite(outage) and 0.0 <= outage <= end):
+        raise SimulationError(
+            f"outage must be from 0 to the duration of the run, {end:g} s, found {outage!r}"
+        )
+    outages = ((end - float(outage), end),) if outage else ()
     return msgspec.structs.replace(scenario, outages=outages)
 
 

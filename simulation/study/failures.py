@@ -57,15 +57,15 @@ def failures_of(reasons: Any, labels: Sequence[str]) -> list[dict[str, Any]]:
     failures = []
     for cell in range(reasons.shape[1]):
         for label, run_reasons in zip(labels, reasons[:, cell].tolist(), strict=True):
-            failed = [reason for reason in run_reasons if reason]
-            if not failed:
+            counts = Counter(reason for reason in run_reasons if reason)
+            if not counts:
                 continue
-            counted = [
+            by_reason = [
                 {"reason": reason, "runs": count, "first_run": run_reasons.index(reason)}
-                for reason, count in Counter(failed).most_common()
+                for reason, count in counts.most_common()
             ]
-            failure = {"cell": cell, "variant": label, "runs": len(failed)}
-            failures.append(failure | {"of": len(run_reasons), "reasons": counted})
+            failure = {"cell": cell, "variant": label, "runs": counts.total()}
+            failures.append(failure | {"of": len(run_reasons), "reasons": by_reason})
     return failures
 
 

@@ -100,7 +100,7 @@ class FrictionTruth:
         speeds, rates = follow(command(grid_times(duration, rate)), step, self.track_lag)
         effective_gauge = robot.vehicle.track_gauge * robot.indices.eta0
         surface = LEVEL
-        if self.terrain is not None and not self.terrain.is_level:
+        if self.terrain is not None:
             # A stream of its own, so that other draws are those of level ground.
             (phases,) = rng.spawn(1)
             surface = draw_surface(self.terrain, 2.0 * robot.vehicle.half_contact_length, phases)
