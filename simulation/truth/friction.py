@@ -8,7 +8,7 @@ terrain and payload. Its steady motion is that of `icreckon.simulation.contact.s
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from msgspec import structs
@@ -162,7 +162,7 @@ def drive(
     from icreckon.simulation.truth import friction_ode as ode
 
     count = len(speeds)
-    states, slopes, rows = np.zeros((count, 6)), np.zeros((count, 2)), patch_rows(patches)
+    states, slopes = np.zeros((count, 6)), np.zeros((count, 2))
     tipping = np.zeros(count, dtype=bool)
     residual = np.zeros((count, 3)) if slip is None else np.ascontiguousarray(slip)
     pose = np.zeros(3)
@@ -171,23 +171,18 @@ def drive(
         pose[2] = start[5]
     for first, last in _spans(payloads, count, step):
         # Payloads change at grid points: half a step later it is certain which are carried.
-        time = (first + 0.5) * step
-        carried = [load for load in payloads if load.time[0] < time < load.time[1]]
-        body, inertia = loaded(contact.body, yaw_inertia, carried)
-        try:
-            loaded_contact = Contact(contact.soil, contact.geometry, body)
-        except ValueError as error:
-            raise SimulationError(
-                f"the vehicle cannot stand with its payload: the centre of mass, {body.y_CM:.3f} m "
-                f"forward and {-body.x_CM:.3f} m left, lies outside the contact"
-            ) from error
-        scales = np.array([SMALL_VELOCITY] * 3 + [SMALL_LOAD * body.weight] * 2 + [SMALL_YAW])
-        span = slice(first, last + 1)
+        middle = (first + 0.5) * step
+        carried = [load for load in payloads if load.time[0] < middle < load.time[1]]
+        loaded_contact, inertia = _loaded_contact(contact, yaw_inertia, carried)
+        body = loaded_contact.body
         inverse_mass = np.asarray(np.linalg.inv(mass_matrix(body, inertia)), float)
         vehicle = ode.Vehicle(ground(loaded_contact), inverse_mass, load_lag)
+        span = slice(first, last + 1)
         grid = (np.ascontiguousarray(values[span]) for values in (speeds, speed_rates))
         tracks = ode.DrivenTracks(first * step, step, *grid)
         motion = ode.GridMotion(pose, states[span], slopes[span], tipping[span], residual[span])
+        scales = np.array([SMALL_VELOCITY] * 3 + [SMALL_LOAD * body.weight] * 2 + [SMALL_YAW])
+        rows = patch_rows(patches)
         steps = ode.integrate(vehicle, surface, rows, tracks, tolerance, scales, motion)
         if steps < 0:  # minus the index of the grid point that was not reached
             raise SimulationError(
@@ -195,6 +190,20 @@ def drive(
                 "the integration step became too small"
             )
     return Drive(states[:, :3], states[:, 3:5], slopes, tipping)
+
+
+def _loaded_contact(
+    contact: Contact, yaw_inertia: float, payloads: list[Payload]
+) -> tuple[Contact, float]:
+    """Contact and yaw inertia [kg m²] with payloads; SimulationError if it cannot stand."""
+    body, inertia = loaded(contact.body, yaw_inertia, payloads)
+    try:
+        return Contact(contact.soil, contact.geometry, body), inertia
+    except ValueError as error:
+        raise SimulationError(
+            f"the vehicle cannot stand with its payload: the centre of mass, {body.y_CM:.3f} m "
+            f"forward and {-body.x_CM:.3f} m left, lies outside the contact"
+        ) from error
 
 
 def mass_matrix(body: Body, yaw_inertia: float) -> Floats:
@@ -234,24 +243,26 @@ def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
     # The last number is not used; without it, later draws of a seed would change.
     friction, rolling, height, length, right, forward, _ = spread * rng.standard_normal(7)
     soil, geometry, body = contact.soil, contact.geometry, contact.body
-    along = soil.longitudinal_friction
-    stretched = float(np.exp(LENGTH_SHARE * length))
-    half_length = 0.5 * (geometry.positions[-1] - geometry.positions[0])
-    changed: dict[str, Any] = {
-        "friction": float(soil.friction * np.exp(friction)),
-        "longitudinal_friction": None if along is None else float(along * np.exp(friction)),
-        "rolling_resistance": float(soil.rolling_resistance * np.exp(rolling)),
-    }
-    positions = tuple(stretched * y for y in geometry.positions)
-    x_CM = _within(body.x_CM + CENTRE_SHARE * 0.5 * geometry.gauge * right, geometry.gauge)
-    y_CM = body.y_CM + CENTRE_SHARE * half_length * forward
-    y_CM = _within(y_CM, 2.0 * stretched * half_length)
-    z_CM = float(body.z_CM * np.exp(HEIGHT_SHARE * height))
-    return Contact(
-        structs.replace(soil, **changed),
-        structs.replace(geometry, positions=positions),
-        structs.replace(body, x_CM=x_CM, y_CM=y_CM, z_CM=z_CM),
+    true_soil = structs.replace(
+        soil,
+        friction=float(soil.friction * np.exp(friction)),
+        rolling_resistance=float(soil.rolling_resistance * np.exp(rolling)),
     )
+    if soil.longitudinal_friction is not None:
+        along = float(soil.longitudinal_friction * np.exp(friction))
+        true_soil = structs.replace(true_soil, longitudinal_friction=along)
+    stretch = float(np.exp(LENGTH_SHARE * length))
+    half_length = 0.5 * (geometry.positions[-1] - geometry.positions[0])
+    x_CM = body.x_CM + CENTRE_SHARE * 0.5 * geometry.gauge * right
+    y_CM = body.y_CM + CENTRE_SHARE * half_length * forward
+    true_body = structs.replace(
+        body,
+        x_CM=_within(x_CM, geometry.gauge),
+        y_CM=_within(y_CM, 2.0 * stretch * half_length),
+        z_CM=float(body.z_CM * np.exp(HEIGHT_SHARE * height)),
+    )
+    positions = tuple(stretch * position for position in geometry.positions)
+    return Contact(true_soil, structs.replace(geometry, positions=positions), true_body)
 
 
 def on_surface(motion: TrueMotion, surface: Surface, patches: tuple[Patch, ...]) -> TrueMotion:
@@ -286,8 +297,6 @@ def _within(value: float, width: float) -> float:
 
 def _spans(payloads: tuple[Payload, ...], count: int, step: float) -> list[tuple[int, int]]:
     """First and last grid point of each span of constant load; spans share their ends."""
-    changes = {0, count - 1}
-    for payload in payloads:
-        times = filter(np.isfinite, payload.time)
-        changes |= {round(min(max(time / step, 0.0), count - 1.0)) for time in times}
-    return list(pairwise(sorted(changes)))
+    times = np.array([time for payload in payloads for time in payload.time])
+    changes = np.rint(np.clip(times / step, 0.0, count - 1.0)).astype(int).tolist()
+    return list(pairwise(sorted({0, count - 1, *changes})))
