@@ -94,9 +94,7 @@ def point_loads(ground: Ground, weight: float, right: Any, forward: Any, found: 
         y_free = 0.0
     # A point at (X, Y) carries its share of the pressure p_a + p_b X + p_c Y.
     inverse = ground.even
-    p_a = weight * (inverse[0, 0] + inverse[0, 1] * x + inverse[0, 2] * y)
-    p_b = weight * (inverse[1, 0] + inverse[1, 1] * x + inverse[1, 2] * y)
-    p_c = weight * (inverse[2, 0] + inverse[2, 1] * x + inverse[2, 2] * y)
+    p_a, p_b, p_c = _pressure_plane(inverse, weight, x, y)
     lifts = False
     for i in range(len(ground.x)):
         pressed = p_a + p_b * ground.x[i] + p_c * ground.y[i]
@@ -104,9 +102,7 @@ def point_loads(ground: Ground, weight: float, right: Any, forward: Any, found: 
     if lifts:
         plane = np.array([p_a.real, p_b.real, p_c.real]) / weight
         inverse = _inverse_of_touching(ground, x.real, y.real, plane)
-        p_a = weight * (inverse[0, 0] + inverse[0, 1] * x + inverse[0, 2] * y)
-        p_b = weight * (inverse[1, 0] + inverse[1, 1] * x + inverse[1, 2] * y)
-        p_c = weight * (inverse[2, 0] + inverse[2, 1] * x + inverse[2, 2] * y)
+        p_a, p_b, p_c = _pressure_plane(inverse, weight, x, y)
     for i in range(len(ground.x)):
         X, Y, share = ground.x[i], ground.y[i], ground.share[i]
         pressed = share * (p_a + p_b * X + p_c * Y)
@@ -365,6 +361,19 @@ def _mobilised(
     by_w = by_slip_over_slip * (x * slip_y - halfway * slip_x)
     by_V = -by_slip_over_slip * slip_y + unmobilised / K * slip * time_by_V
     return 1.0 - unmobilised, by_x, by_y, by_w, by_V
+
+
+@compiled
+def _pressure_plane(inverse: Floats, weight: float, x: Any, y: Any) -> tuple[Any, Any, Any]:
+    """Plane a + b X + c Y [N] of the pressures under a weight [N] with its centre at x, y [m].
+
+    `inverse` (3, 3) is that of the moments of the points that carry it.
+    """
+    return (
+        weight * (inverse[0, 0] + inverse[0, 1] * x + inverse[0, 2] * y),
+        weight * (inverse[1, 0] + inverse[1, 1] * x + inverse[1, 2] * y),
+        weight * (inverse[2, 0] + inverse[2, 1] * x + inverse[2, 2] * y),
+    )
 
 
 @compiled

@@ -4,7 +4,6 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from itertools import chain
 
 import msgspec
 import numpy as np
@@ -69,24 +68,30 @@ def _run(log: Log, chosen: Filter, times: Floats) -> Run:
     stamps_left = deque(to_stamps(times).tolist())
     rows, count = Rows(len(stamps_left)), 0
 
+    def store_rows(before: int) -> None:
+        """Store the estimate at all times before a stamp."""
+        nonlocal count
+        while stamps_left and stamps_left[0] < before:
+            if stamps_left.popleft() == estimator.stamp:
+                rows.put(count, estimator.snapshot())
+                count += 1
+
     def run_so_far() -> Run:
         names = state_names(estimator.variant)
         return rows.finish(count, estimator.variant.name, names, estimator.health)
 
-    # None, after the last measurement, releases the rows of the last stamp.
-    for measurement in chain(log.measurements(), [None]):
-        try:
-            while stamps_left and (measurement is None or measurement.stamp > stamps_left[0]):
-                if stamps_left.popleft() == estimator.stamp:
-                    rows.put(count, estimator.snapshot())
-                    count += 1
-            if measurement is not None:
-                estimator.feed(measurement)
-        except IcreckonError:
-            raise
-        except Exception as problem:
-            stamp = log.end if measurement is None else measurement.stamp
-            raise stopped_by(problem, run_so_far(), log.start, stamp) from problem
+    stamp = log.start
+    try:
+        for measurement in log.measurements():
+            stamp = measurement.stamp
+            store_rows(before=stamp)
+            estimator.feed(measurement)
+        stamp = log.end
+        store_rows(before=stamp + 1)
+    except IcreckonError:
+        raise
+    except Exception as problem:
+        raise stopped_by(problem, run_so_far(), log.start, stamp) from problem
     run = run_so_far()
     lost = loss_of(run, log.start)
     if lost is not None:

@@ -82,12 +82,11 @@ def refuse_idle_keys(terrains: Sequence[Terrain], given: Iterable[str], source: 
     """
     written = set(given)
     for key in sorted(written & set(NEEDS)):
-        others, without = NEEDS[key]
-        acts = any(getattr(terrain, other) for terrain in terrains for other in others)
-        if not (acts or written & set(others)):
-            *most, last = others
-            keys = f"{', '.join(most)} or {last}" if most else last
-            remedy = f"{without}: give {keys}, or leave it out"
+        needed, without = NEEDS[key]
+        is_used = any(getattr(terrain, other) for terrain in terrains for other in needed)
+        if not is_used and written.isdisjoint(needed):
+            names = " or ".join(needed)
+            remedy = f"{without}: give {names}, or leave it out"
             raise SimulationError(f"{source}: [terrain] {key} has no effect, {remedy}")
 
 
@@ -166,6 +165,7 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 def _require_rising(what: str, span: tuple[float, float]) -> None:
+    """Reject a span, named `what` in the message, whose end is not after its start."""
     low, high = span
     if not low < high:
         raise SimulationError(
