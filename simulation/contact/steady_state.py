@@ -18,7 +18,7 @@ tracks at rest, friction holds the vehicle, and its twist is zero.
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -64,22 +64,6 @@ class SteadyMotion:
     # True if the force of inertia points outside the contact: the vehicle would tip
     tipping: NDArray[np.bool_]
 
-    def require_converged(self) -> Self:
-        """Return the motions if all converged.
-
-        Raises:
-            SimulationError: some did not; the message has the track speeds of the worst.
-        """
-        failed = np.flatnonzero(~self.converged)
-        if not failed.size:
-            return self
-        worst = failed[self.residual.ravel()[failed].argmax()]
-        raise SimulationError(
-            f"no stationary motion found for {failed.size} of {self.converged.size} pairs of track "
-            f"speeds; worst at V_l = {self.V_l.flat[worst]:.6g} and V_r = {self.V_r.flat[worst]:.6g} "
-            f"m/s, where forces of {self.residual.flat[worst]:.1e} times the weight are not balanced"
-        )
-
 
 def solve_steady(
     V_l: ArrayLike, V_r: ArrayLike, contact: Contact, *, strict: bool = True
@@ -100,8 +84,15 @@ def solve_steady(
     twist = PaperTwist(*(component.reshape(shape) + 0.0 for component in solved.twist))
     residual, tipping = solved.residual.reshape(shape), solved.tipping.reshape(shape)
     converged = residual <= CONVERGED
-    motion = SteadyMotion(left.copy(), right.copy(), twist, residual, converged, tipping)
-    return motion.require_converged() if strict else motion
+    failed = np.flatnonzero(~converged)
+    if strict and failed.size:
+        worst = failed[residual.flat[failed].argmax()]
+        raise SimulationError(
+            f"no stationary motion found for {failed.size} of {converged.size} pairs of track speeds; "
+            f"worst at V_l = {left.flat[worst]:.6g} and V_r = {right.flat[worst]:.6g} m/s, where forces "
+            f"of {residual.flat[worst]:.1e} times the weight are not balanced"
+        )
+    return SteadyMotion(left.copy(), right.copy(), twist, residual, converged, tipping)
 
 
 def track_speed_grid(count: int = 21) -> tuple[Floats, Floats]:

@@ -140,8 +140,11 @@ def table_2_with_published_parameters(
 ) -> dict[Inertia, VelocityErrors]:
     """Table II of a map with the paper's numbers instead of fits, by `INERTIAS`."""
     parameters, icrs = published_parameters(), published_mean_icrs()
-    readings = {key: msgspec.structs.replace(reading, inertia=key) for key in INERTIAS}
-    return {key: read_errors(mapped, parameters, icrs, each) for key, each in readings.items()}
+    errors = {}
+    for inertia in INERTIAS:
+        own_reading = msgspec.structs.replace(reading, inertia=inertia)
+        errors[inertia] = read_errors(mapped, parameters, icrs, own_reading)
+    return errors
 
 
 def map_of_published_model() -> DynamicMap:
@@ -149,8 +152,9 @@ def map_of_published_model() -> DynamicMap:
     V_l, V_r = track_speed_grid()
     parameters = published_parameters().as_array()
     twist = solve(V_l, V_r, parameters, AURIGA_ALPHA, form="literal").twist
-    residual, yes, no = np.zeros_like(V_l), np.full(V_l.shape, True), np.full(V_l.shape, False)
-    motion = SteadyMotion(V_l, V_r, PaperTwist(*twist), residual, converged=yes, tipping=no)
+    residual = np.zeros_like(V_l)
+    is_solved, tips = residual == 0.0, residual > 0.0
+    motion = SteadyMotion(V_l, V_r, PaperTwist(*twist), residual, is_solved, tips)
     return map_of(motion, AURIGA_ALPHA)
 
 
