@@ -222,7 +222,7 @@ def change_scenario(scenario: Scenario, changes: dict[str, Any], source: str) ->
             data[TRAJECTORY_FILE] = None
         else:
             del data["trajectory_options"][name]
-    return convert(merged(data, changes), Scenario, source, SimulationError)
+    return convert(_merged(data, changes), Scenario, source, SimulationError)
 
 
 def lost_options(scenario: Scenario, changes: dict[str, Any]) -> list[str]:
@@ -244,12 +244,12 @@ def grid_rate(imu_rate: float) -> float:
     return float(imu_rate * max(1.0, min(points, np.floor(HIGHEST_GRID / imu_rate))))
 
 
-def merged(data: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+def _merged(data: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     """Merge changes into a copy of nested tables; lists and numbers are replaced."""
     result = dict(data)
     for key, value in changes.items():
         old = result.get(key)
         if isinstance(old, dict) and isinstance(value, dict):
-            value = merged(old, value)
+            value = _merged(old, value)
         result[key] = value
     return result

@@ -9,14 +9,14 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.checks import is_finite
-from icreckon.estimator.base.config import convert
-from icreckon.estimator.base.errors import EstimatorError, nearest_hint
+from icreckon.estimator.base.errors import nearest_hint
+from icreckon.estimator.base.plain_data import flatten
 from icreckon.estimator.filter.initial_state import assumptions
-from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.robot_file import Robot, changed_robot, load_robot
 from icreckon.estimator.robot.settings import FixWander, Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.scenario import Scenario, change_scenario, errors_of, merged
+from icreckon.simulation.scenario import Scenario, change_scenario, errors_of
 from icreckon.simulation.sensors.imu import InertialErrors
 from icreckon.simulation.study.plan import MOST_CELLS, LatinHypercube, Study, nest
 from icreckon.simulation.truth.terrain import NEEDS, Terrain, refuse_idle_keys
@@ -94,7 +94,7 @@ def expand(study: Study) -> Plan:
             of the scenario's terrain that acts in no cell.
         EstimatorError: no such robot.
     """
-    robot = _changed_robot(load_robot(study.robot), study.robot_changes, "robot_changes")
+    robot = _changed_robot(load_robot(study.robot), flatten(study.robot_changes))
     axes, dimensions = _dimensions(study)
     count = math.prod(len(points) for points in dimensions)
     if count > MOST_CELLS:
@@ -186,13 +186,13 @@ def _cell(
         else:
             scenario_changes[key] = value
     scenario = _changed_scenario(study, scenario_changes)
-    robot = _changed_robot(robot, nest(robot_changes[ROBOT]), ROBOT)
-    true_robot = _changed_robot(robot, nest(robot_changes[TRUE_ROBOT]), TRUE_ROBOT)
+    robot = _changed_robot(robot, robot_changes[ROBOT])
+    true_robot = _changed_robot(robot, robot_changes[TRUE_ROBOT])
     modelled = _with_noise_of(robot, true_robot, scenario) if study.filters_know_noise else robot
-    modelled = _changed_robot(modelled, nest(robot_changes[FILTER]), FILTER)
+    modelled = _changed_robot(modelled, robot_changes[FILTER])
     filters = []
     for spec in study.filters():
-        own_robot = _changed_robot(modelled, spec.robot, f"robot of {spec.label}")
+        own_robot = _changed_robot(modelled, flatten(spec.robot))
         settings = _with_wander(spec.made_settings(), own_robot, scenario)
         assumptions(own_robot, find_variant(spec.variant), settings)  # raises if they do not fit
         filters.append(Filter(spec.label, spec.variant, own_robot, settings))
@@ -205,21 +205,19 @@ def _with_noise_of(robot: Robot, true_robot: Robot, scenario: Scenario) -> Robot
     encoders, gyro, force, _ = errors_of(scenario, true_robot)
     # The larger one of simulation and file, which includes vibration and slopes.
     accelerometer_noise = max(force.noise_density, robot.imu.accelerometer_noise_density)
-    imu = {
-        "gyro_noise_density": max(gyro.noise_density, LEAST_NOISE),
-        "gyro_bias_sigma": gyro.bias_sigma,
-        "gyro_bias_walk": _total_walk(gyro),
-        "gyro_scale_sigma": gyro.scale_sigma,
-        "accelerometer_noise_density": accelerometer_noise,
-        "accelerometer_bias_sigma": force.bias_sigma,
-        "accelerometer_bias_walk": _total_walk(force),
+    changes = {
+        "imu.gyro_noise_density": max(gyro.noise_density, LEAST_NOISE),
+        "imu.gyro_bias_sigma": gyro.bias_sigma,
+        "imu.gyro_bias_walk": _total_walk(gyro),
+        "imu.gyro_scale_sigma": gyro.scale_sigma,
+        "imu.accelerometer_noise_density": accelerometer_noise,
+        "imu.accelerometer_bias_sigma": force.bias_sigma,
+        "imu.accelerometer_bias_walk": _total_walk(force),
+        "tracks.speed_noise_density": encoders.speed_noise_density,
+        "tracks.scale_sigma": encoders.scale_sigma,
+        "tracks.difference_sigma": encoders.scale_difference_sigma,
     }
-    speeds = {
-        "speed_noise_density": encoders.speed_noise_density,
-        "scale_sigma": encoders.scale_sigma,
-        "difference_sigma": encoders.scale_difference_sigma,
-    }
-    return _changed_robot(robot, {"imu": imu, "tracks": speeds}, "noise of the scenario")
+    return changed_robot(robot, changes)
 
 
 def _total_walk(errors: InertialErrors) -> float:
@@ -243,12 +241,9 @@ def _root(key: str) -> str:
     return root
 
 
-def _changed_robot(robot: Robot, changes: dict[str, Any], source: str) -> Robot:
-    """Robot file with changed keys of nested tables; `source` names them in messages."""
-    if not changes:
-        return robot
-    data = merged(msgspec.to_builtins(robot), changes)
-    return convert(data, Robot, source, EstimatorError)
+def _changed_robot(robot: Robot, changes: dict[str, Any]) -> Robot:
+    """Robot file with changes (dotted key -> value), of which there may be none."""
+    return changed_robot(robot, changes) if changes else robot
 
 
 def _changed_scenario(study: Study, changes: dict[str, Any]) -> Scenario:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.lag_search import jackknife_sigma
 
 CONFIDENCE = 0.95
 GROUPS = 5  # number of groups of neighbouring cells that summarise a sampled axis
@@ -108,10 +109,7 @@ def _on_log_scale(value: float, half: float) -> tuple[float, float, float]:
 def jackknife_half_width(without: Floats) -> float:
     """Half-width of a 95 % interval, by values (m,) without each true motion; or NaN."""
     count = len(without)
-    if count < 2:
-        return math.nan
-    variance = (count - 1) / count * float(((without - without.mean()) ** 2).sum())
-    return _student(count - 1) * math.sqrt(variance)
+    return _student(count - 1) * float(jackknife_sigma(without)) if count > 1 else math.nan
 
 
 def over_cells(values: Floats) -> Floats:
