@@ -298,23 +298,24 @@ def test_a_cell_of_large_drift_does_not_decide(runs):
     assert typical[plan.labels[0]]["ratio"] == 1.0
 
 
-def test_a_large_nees_by_untold_noise_is_explained_where_it_stands(results):
+@pytest.mark.parametrize(
+    ("grid", "knows", "noise_is_named"),
+    [
+        ({"noise": ["consumer", "tactical"]}, False, True),
+        ({"encoders.resolution": [0.001, 0.005]}, False, False),
+        ({"noise": ["consumer", "tactical"]}, True, False),
+    ],
+)
+def test_a_large_nees_is_explained_where_it_stands(results, grid, knows, noise_is_named):
     changed = copy.deepcopy(results)
+    changed["configuration"] = {"sweep": {"grid": grid}, "filters_know_noise": knows}
     name = changed["variants"][0]
-    changed["configuration"] = {"sweep": {"grid": {"noise": ["consumer", "tactical"]}}}
     changed["cells"][0]["variants"][name]["nees_pose_end"] |= {"mean": 125.0}
     table = summary_tables(changed)[0]
     assert any(cell.startswith("125") and cell.endswith(" *") for row in table.rows for cell in row)
     (note,) = [line for line in notes(changed) if line.startswith("*")]
-    assert "whatever noise is" in note
-    changed["configuration"]["sweep"]["grid"] = {"encoders.resolution": [0.001, 0.005]}
-    (note,) = [line for line in notes(changed) if line.startswith("*")]
-    assert "whatever" not in note
-    changed["configuration"]["sweep"]["grid"] = {"noise": ["consumer", "tactical"]}
-    changed["configuration"]["filters_know_noise"] = True
-    (note,) = [line for line in notes(changed) if line.startswith("*")]
     assert "Slopes" in note
-    assert "filters_know_noise" not in note
+    assert ("whatever noise is" in note) == ("filters_know_noise" in note) == noise_is_named
 
 
 def test_a_grid_has_the_drift_of_each_cell(results, monkeypatch):
