@@ -160,7 +160,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
                 )
 
     def _check_spans(self) -> None:
-        """Reject patches or payloads outside of the run, and outages that are not within it."""
+        """Reject patches or payloads outside of the run, and outages not within it."""
         for what, spans in (("patches", self.patches), ("payloads", self.payloads)):
             times = [span.time for span in spans]
             if times and not any(start < self.duration and end > 0.0 for start, end in times):

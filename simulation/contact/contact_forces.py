@@ -258,7 +258,7 @@ def add_steady_balance(
 
 @compiled
 def _solve_3(matrix: Any, right_hand_side: Any, solution: Any) -> None:
-    """Solve a 3 by 3 system by cofactors; the solution of a singular one is set to zero."""
+    """Solve a 3 by 3 system by cofactors; zero if it is singular."""
     a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
     d, e, f = matrix[1, 0], matrix[1, 1], matrix[1, 2]
     g, h, i = matrix[2, 0], matrix[2, 1], matrix[2, 2]
@@ -365,7 +365,7 @@ def _mobilised(
 
 @compiled
 def _pressure_plane(inverse: Floats, weight: float, x: Any, y: Any) -> tuple[Any, Any, Any]:
-    """Plane a + b X + c Y [N] of the pressures under a weight [N] with its centre at x, y [m].
+    """Pressure plane a + b X + c Y [N] of a weight [N] with its centre at x, y [m].
 
     `inverse` (3, 3) is that of the moments of the points that carry it.
     """

@@ -12,9 +12,9 @@ Newton's iteration (compiled) with the analytic Jacobian and step halving on the
    acceleration;
 4. if that motion ceases to exist in between, from guesses spread over all plausible twists.
 
-Hard turns at high speed can have more than one stationary motion; one of them is found. A pair that
-none of the stages solves is never dropped: it is named in an error, or marked in the result. With both
-tracks at rest, friction holds the vehicle, and its twist is zero.
+Hard turns at high speed can have more than one stationary motion; one of them is found. A pair that no
+stage solves is never dropped: it raises an error, or is marked in the result. With both tracks at rest,
+friction holds the vehicle, and its twist is zero.
 """
 
 from dataclasses import dataclass, replace

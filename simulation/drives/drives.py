@@ -2,9 +2,9 @@
 
 Their keyword arguments are the options of a trajectory (`icreckon.simulation.drives.trajectories`); the
 types state the allowed values. Each fills a `duration` [s], takes max_track_speed, gauge and indices from
-the `robot`, and draws what is random, and how long it lasts, from `rng`. Speeds are shares of
-max_track_speed, so that each trajectory fits any robot. Random trajectories are drawn event by event, so
-a longer one from the same seed begins like the shorter.
+the `robot`, and draws random speeds and durations from `rng`. Speeds are shares of max_track_speed, so
+that each trajectory fits any robot. Random trajectories are drawn event by event, so a longer one begins
+like the shorter one of the same seed.
 """
 
 from collections.abc import Callable

@@ -79,7 +79,7 @@ def check_trajectory(
 
 
 def _check_together(name: str, options: dict[str, Any]) -> None:
-    """Reject options of a trajectory, each valid by itself, that contradict each other."""
+    """Reject options of a trajectory, each of them valid, that contradict each other."""
     if name in ORDERED:
         low, high = ORDERED[name]
         if options[low] > options[high]:

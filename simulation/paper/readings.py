@@ -55,7 +55,7 @@ def read_means(mapped: DynamicMap, reading: Reading) -> ConstantIcr:
     """Constant ICRs of a map [m] (section II).
 
     Raises:
-        SimulationError: nothing turns, or the means are not those of a skid-steer vehicle.
+        SimulationError: nothing turns, or no skid-steer vehicle has such means.
     """
     chosen = chosen_motions(mapped, reading)
     coordinates = [coordinate[chosen] for coordinate in mapped.icrs]
@@ -78,7 +78,7 @@ def read_parameters(mapped: DynamicMap, reading: Reading, H: float | None = None
     H, the ratio of track speeds of on-spot turning, is from `on_spot_line` by default.
 
     Raises:
-        SimulationError: too few motions, or a fit that is not that of a skid-steer vehicle.
+        SimulationError: too few motions, or no skid-steer vehicle has the fitted parameters.
     """
     chosen = chosen_motions(mapped, reading)
     H = on_spot_line(mapped) if H is None else H

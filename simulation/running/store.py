@@ -23,7 +23,7 @@ RESULTS = "results.json"
 # Errors of reading a file with any byte changed.
 UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile)
 FILES = "files"  # key of the manifest with the names of written files, for `--overwrite`
-# Most differences that a message lists; those of `UNLISTED` follow from others, or are harmless.
+# Most differences that a message lists; differences in `UNLISTED` follow from others or are harmless.
 MOST_LISTED = 4
 UNLISTED = ("cells:", "axes:", "name:", "configuration.name:", "runs:", "configuration.runs:")
 Reasons = NDArray[np.str_]  # of failed runs, by filter and run; empty for the others
@@ -49,7 +49,7 @@ def jobs_of(plan: Plan, block_runs: int) -> list[Job]:
 
 
 class BlockStore:
-    """Store of the blocks of a study, in its folder; blocks of another digest do not count."""
+    """Store of the blocks of a study; blocks of another digest do not count."""
 
     def __init__(self, folder: Path, digest: str) -> None:
         self.folder, self._digest = folder, digest
@@ -129,7 +129,7 @@ def write_files(folder: Path, files: dict[str, bytes]) -> None:
 
 
 def _refuse_others(folder: Path, old: dict[str, Any] | None, manifest: dict[str, Any]) -> None:
-    """Raise an error if a folder, with its old manifest, has other content than a study."""
+    """Raise an error if a folder, with its old manifest, holds another study or files."""
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return
     if old is None:

@@ -120,10 +120,10 @@ def with_inertial_errors(
 def angular_velocities(motion: TrueMotion, times: Floats, window: float) -> Floats:
     """Angular velocity (n, 3) of base_link in its own axes [rad/s], at times (n,) [s].
 
-    It is averaged over an interval, the `window` [s] about each time. About z it is that of the true
-    motion. About x and y it is the rotation of the ground under the robot, which turns gravity G in axes
-    that follow the body but not its turns about z: dG_x/dt = -G_z omega_y and dG_y/dt = G_z omega_x. On
-    a plane G is constant, however the robot turns on it.
+    It is averaged over an interval, the `window` [s] about each time. About z it is the true yaw rate.
+    About x and y it is the rotation of the ground under the robot, which turns gravity G in axes that
+    follow the body but not its turns about z: dG_x/dt = -G_z omega_y and dG_y/dt = G_z omega_x. On a
+    plane G is constant, however the robot turns on it.
     """
     start, end = motion.window(times, window)
     w = (motion.turns_at(end) - motion.turns_at(start)) / (end - start)

@@ -203,7 +203,7 @@ def _cell(
 def _with_noise_of(robot: Robot, true_robot: Robot, scenario: Scenario) -> Robot:
     """Robot file with the noise of the simulated IMU and encoders."""
     encoders, gyro, force, _ = errors_of(scenario, true_robot)
-    # The larger one of simulation and file, which includes vibration and slopes.
+    # The file's noise includes vibration and slopes.
     accelerometer_noise = max(force.noise_density, robot.imu.accelerometer_noise_density)
     changes = {
         "imu.gyro_noise_density": max(gyro.noise_density, LEAST_NOISE),

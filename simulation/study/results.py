@@ -232,7 +232,7 @@ def _typical(runs: Runs) -> dict[str, Any]:
 
 
 def _typical_ratios(runs: Runs, statistic: str) -> list[tuple[float, float, float]]:
-    """Geometric means over cells of a statistic's ratios to the baseline, of each variant.
+    """Geometric mean over cells of a statistic's ratio to the baseline, by variant.
 
     Each has the ends of its 95 % interval, by leaving out true motions one by one.
     """

@@ -1,7 +1,7 @@
 """Statistics of a run: one number each, NaN if the run does not have it.
 
-An engine returns them in this order, see `icreckon.simulation.running.engines`; definitions are those of
-`icreckon.estimator.log.scores`.
+An engine returns them in this order, see `icreckon.simulation.running.engines`;
+`icreckon.estimator.log.scores` defines them.
 """
 
 import math
@@ -104,7 +104,7 @@ def scored_segments(
     """Segments of each horizon [s], and of the yaw drift, which come last.
 
     They lie in the spans without fixes that are at least as long as a segment; in the whole run if it has
-    no fixes. Stamps (n,) at which the run is scored, those of the fixes, start and end are in ns.
+    no fixes. The run is scored at `stamps` (n,); all stamps are in ns.
     """
     first, scored = segment_starts(stamps), []
     for horizon in (*horizons, YAW_HORIZON):

@@ -2,7 +2,8 @@
 
 The tracks follow their commands with a first-order lag. Friction and rolling resistance at the contact
 points (`icreckon.simulation.contact.contact`) move the body, with the robot's inertia and the scenario's
-terrain and payload. Its steady motion is that of `icreckon.simulation.contact.steady_state`.
+terrain and payload. At constant track speeds it ends in the stationary motion that
+`icreckon.simulation.contact.steady_state` computes.
 """
 
 import math
@@ -101,7 +102,7 @@ class FrictionTruth:
         effective_gauge = robot.vehicle.track_gauge * robot.indices.eta0
         surface = LEVEL
         if self.terrain is not None:
-            # A stream of its own, so that other draws are those of level ground.
+            # A separate stream, so that all other draws are the same as on level ground.
             (phases,) = rng.spawn(1)
             surface = draw_surface(self.terrain, 2.0 * robot.vehicle.half_contact_length, phases)
         slip = self.slip_noise * slip_residual(speeds, TRUE_SLIP, effective_gauge, step, rng)
@@ -195,7 +196,7 @@ def drive(
 def _loaded_contact(
     contact: Contact, yaw_inertia: float, payloads: list[Payload]
 ) -> tuple[Contact, float]:
-    """Contact and yaw inertia [kg m²] with payloads; SimulationError if it cannot stand."""
+    """Contact and yaw inertia [kg m²] with payloads; an error if it cannot stand."""
     body, inertia = loaded(contact.body, yaw_inertia, payloads)
     try:
         return Contact(contact.soil, contact.geometry, body), inertia
@@ -235,7 +236,7 @@ def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats,
 
 
 def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
-    """Draw the true contact of a robot: that of its file with random changes.
+    """Draw the true contact of a robot: its file's contact with random changes.
 
     `spread` is that of `FrictionTruth`.
     """

@@ -235,7 +235,7 @@ def integrate(
 def _step_error(
     before: Floats, after: Floats, difference: Floats, tolerance: float, scales: Floats
 ) -> float:
-    """Error of a step over its tolerance (RMS), by the difference from the embedded solution."""
+    """RMS error of a step over its tolerance, by the embedded solution's difference."""
     error = 0.0
     for row in range(SIZE):
         largest = max(abs(before[row]), abs(after[row]))
@@ -263,7 +263,7 @@ def _rates(
     forces: TrackForces,
     rate: Floats,
 ) -> bool:
-    """Compute `forces` and the `rate` (6,) of a state; return True if the vehicle tips.
+    """Compute `forces` and `rate` (6,) of a state; return True if the vehicle tips.
 
     `weight` is from `_weight_on_slope`, `V` the speeds of the left and the right track [m/s].
     """

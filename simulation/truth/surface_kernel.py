@@ -261,5 +261,5 @@ def _inside(value: float, low: float, high: float, soft: float) -> float:
 
 @compiled
 def _blend(value: float, patch: float, share: float) -> float:
-    """Mix a value with that of a patch by its weight; a patch of NaN keeps the value."""
+    """Mix a value with a patch's value by the patch's weight; NaN keeps the value."""
     return value if np.isnan(patch) else value + share * (patch - value)

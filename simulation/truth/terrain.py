@@ -31,7 +31,7 @@ HEAVIEST = 1e6  # heaviest payload [kg]
 PATCH_WIDTH = 13  # numbers of a patch in the equations; `surface_kernel` lists them
 
 
-# Keys of `[terrain]` of which each needs one of others, and what the ground is without them.
+# Keys of `[terrain]` that act only together with one of other keys, and the ground without those.
 NEEDS = {
     "uphill_deg": (("slope_deg", "rolling_deg", "kerb_height"), "level ground has no direction"),
     "wavelength": (("rolling_deg",), "the ground does not roll"),
@@ -268,8 +268,8 @@ def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Sur
 def loaded(body: Body, yaw_inertia: float, payloads: list[Payload]) -> tuple[Body, float]:
     """Body and yaw inertia of a vehicle with payloads; each payload is a point mass.
 
-    Moments of inertia [kg m²] are about the vertical through the centre of mass: that of the bare body,
-    and that of the returned one.
+    Moments of inertia [kg m²] are about the vertical through the centre of mass of the body, bare or
+    loaded.
     """
     masses = np.array([body.mass, *(payload.mass for payload in payloads)])
     centres = [(body.x_CM, body.y_CM, body.z_CM)]

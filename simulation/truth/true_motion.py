@@ -1,4 +1,4 @@
-"""True motion, and what truth models make it with.
+"""True motion of a robot, and functions with which truth models make it.
 
 All speeds and poses are in REP-103 axes: `base_link` in `odom`, starting at the origin. The truths are
 `icreckon.simulation.truth.friction` (friction, the default) and `icreckon.simulation.truth.kinematic`;
