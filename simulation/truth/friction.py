@@ -184,10 +184,10 @@ def drive(
         motion = ode.GridMotion(pose, states[span], slopes[span], tipping[span], residual[span])
         scales = np.array([SMALL_VELOCITY] * 3 + [SMALL_LOAD * body.weight] * 2 + [SMALL_YAW])
         rows = patch_rows(patches)
-        steps = ode.integrate(vehicle, surface, rows, tracks, tolerance, scales, motion)
-        if steps < 0:  # minus the index of the grid point that was not reached
+        reached = ode.integrate(vehicle, surface, rows, tracks, tolerance, scales, motion)
+        if first + reached < last:
             raise SimulationError(
-                f"the motion cannot be integrated beyond {(first - steps) * step:.3f} s: "
+                f"the motion cannot be integrated beyond {(first + reached) * step:.3f} s: "
                 "the integration step became too small"
             )
     return Drive(states[:, :3], states[:, 3:5], slopes, tipping)

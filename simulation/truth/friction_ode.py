@@ -134,8 +134,7 @@ def integrate(
     state, and of `scales` (6,) in its units.
 
     Returns:
-        Number of steps, rejected ones included; or, if the step became too small, minus the index of
-        the grid point that was not reached.
+        Index of the last grid point that was reached; beyond, the step became too small.
 
     Raises:
         ValueError: an array has the wrong size.
@@ -155,19 +154,14 @@ def integrate(
     rate, by_time, by_state = np.empty(SIZE), np.empty(SIZE), np.empty((SIZE, SIZE))
     matrix, pivots = np.empty((SIZE, SIZE)), np.empty(SIZE, dtype=np.int64)
     stages, trial = np.empty((STAGES, SIZE)), np.empty(SIZE)
-    under_tracks = TrackGround(ground.friction, ground.rolling_resistance)
     outside_patches = TrackGround(ground.friction.copy(), ground.rolling_resistance.copy())
-    h, steps = step, 0  # length of the next step [s], and number of steps
-    for k in range(len(speeds)):
+    h = step  # length of the next step [s]
+    for k in range(n):
         time = start + k * step
-        if not surface.present:
-            pose[2] = states[k, YAW]
-        place = (pose[0], pose[1], pose[2])
-        look_up(patches, time, place, ground.half_gauge, outside_patches, under_tracks, slopes[k])
-        if surface.present:
-            p_x, p_y = tilt(surface, patches, time, pose[0], pose[1])
-            _set_slope(gravity_on(p_x, p_y, pose[2]), states[k, YAW], slopes[k])
-        if k + 1 == len(speeds):
+        _find_ground(
+            ground, surface, patches, outside_patches, time, states[k, YAW], pose, slopes[k]
+        )
+        if k + 1 == n:
             break
         weight = _weight_on_slope(ground, slopes[k])
         y = states[k + 1]
@@ -212,7 +206,6 @@ def integrate(
             for row in range(SIZE):
                 trial[row] += stages[STAGES - 1, row]
             error = _step_error(y, trial, stages[STAGES - 1], tolerance, scales)
-            steps += 1
             h_tried, h = h, _next_step(h, error)
             if error <= 1.0:
                 for row in range(SIZE):
@@ -221,14 +214,43 @@ def integrate(
                 if 1.0 - done < 1e-12:
                     done = 1.0
             elif h < SMALLEST_STEP:
-                return -(k + 1)
+                return k
         if surface.present:
             moved = _displacement(states[k], y, slip[k], slip[k + 1], step)
-            times = (time, time + step)
+            times, place = (time, time + step), (pose[0], pose[1], pose[2])
             pose[0], pose[1], pose[2], _ = ride(surface, patches, times, place, moved)
         else:
             _advance(pose, states[k], y, step)
-    return steps
+    return n - 1
+
+
+@compiled
+def _find_ground(
+    ground: Ground,
+    surface: Surface,
+    patches: Floats,
+    outside_patches: TrackGround,
+    time: float,
+    yaw: float,
+    pose: Floats,
+    slope: Floats,
+) -> None:
+    """Set friction and rolling resistance of the ground under both tracks, and its slope.
+
+    At a time [s], a pose (3,) and the yaw of the state [rad]. Without terrain the pose gets that yaw; the
+    slope (2,) is as in `GridMotion`.
+    """
+    if not surface.present:
+        pose[2] = yaw
+    place = (pose[0], pose[1], pose[2])
+    under_tracks = TrackGround(ground.friction, ground.rolling_resistance)
+    look_up(patches, time, place, ground.half_gauge, outside_patches, under_tracks, slope)
+    if surface.present:
+        p_x, p_y = tilt(surface, patches, time, pose[0], pose[1])
+        forward, left, _ = gravity_on(p_x, p_y, pose[2])
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        slope[0] = cos * forward - sin * left
+        slope[1] = sin * forward + cos * left
 
 
 @compiled
@@ -383,15 +405,6 @@ def _advance(pose: Floats, before: Floats, after: Floats, step: float) -> None:
         cos, sin = np.cos(state[YAW]), np.sin(state[YAW])
         pose[0] += 0.5 * step * (cos * state[1] + sin * state[0])
         pose[1] += 0.5 * step * (sin * state[1] - cos * state[0])
-
-
-@compiled
-def _set_slope(gravity: tuple[float, float, float], yaw: float, slope: Floats) -> None:
-    """Set a slope (2,) for `_in_body`, from gravity in the axes of the body."""
-    forward, left, _ = gravity
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    slope[0] = cos * forward - sin * left
-    slope[1] = sin * forward + cos * left
 
 
 @compiled
