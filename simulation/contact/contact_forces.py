@@ -64,11 +64,13 @@ class PointLoads(NamedTuple):
 
 
 @compiled
-def point_loads(ground: Ground, weight: float, right: Any, forward: Any, found: PointLoads) -> bool:
-    """Compute loads [N] under weight and a force at the centre of mass, in place.
+def point_loads(
+    ground: Ground, weight: float, right: Any, forward: Any, results: PointLoads
+) -> bool:
+    """Compute loads [N] under weight and a force at the centre of mass.
 
-    `weight` is the force that presses on the ground [N]; the force to the right and forward [N] is that
-    of inertia, and gravity's part along a slope. Loads are planar over the points that touch and zero at
+    They overwrite `results`. `weight` is the force that presses on the ground [N]; the force to
+    the right and forward [N] is the force of inertia, and gravity's part along a slope. Loads are planar over the points that touch and zero at
     those that lift off: p = weight max(0, a + b x + c y). They solve a convex problem: minimise
     sum(p^2 / weight) subject to the balance of force and moments and p >= 0. The solution is unique while
     the weight and the force together point inside the contact. Newton's iteration over the set of
@@ -77,7 +79,7 @@ def point_loads(ground: Ground, weight: float, right: Any, forward: Any, found: 
     Returns True if the vehicle tips: no loads balance the moment. Then the centre of pressure (x, y) is
     held just inside the contact's edge.
     """
-    loads, by_right, by_forward = found
+    loads, by_right, by_forward = results
     x_CM, y_CM, z_CM = ground.centre
     half, rear, front = ground.outline
     arm = z_CM / weight
@@ -187,7 +189,7 @@ def add_track_forces(
         values[0] -= f_x
         values[1] -= f_y
         values[2] -= moment
-        for column, of_x, of_y, of_moment in (
+        for column, x_slope, y_slope, moment_slope in (
             (0, xx, xy, xy_x - xx_y),
             (1, xy, yy, yy_x - xy_y),
             (2, xy_x - xx_y, yy_x - xy_y, xx_yy - 2.0 * xy_xy + yy_xx),
@@ -195,9 +197,9 @@ def add_track_forces(
             (5, right_x, right_y, right_moment),
             (6, forward_x, forward_y, forward_moment),
         ):
-            jacobian[0, column] -= of_x
-            jacobian[1, column] -= of_y
-            jacobian[2, column] -= of_moment
+            jacobian[0, column] -= x_slope
+            jacobian[1, column] -= y_slope
+            jacobian[2, column] -= moment_slope
         if ground.rolling_resistance[track] > 0.0:
             track_loads = load, right_load, forward_load
             _add_rolling_resistance(ground, track, twist, V, track_loads, values, jacobian)
@@ -244,14 +246,18 @@ def add_steady_balance(
     values[0] += right
     values[1] += forward
     values[2] += x * forward - y * right
-    for column, of_right, of_forward in (
+    for column, right_slope, forward_slope in (
         (0, 0.0 * w, -M * w),
         (1, M * w, 0.0 * w),
         (2, M * (v_y + 2.0 * x * w), M * (2.0 * y * w - v_x)),
     ):
-        for row, of_inertia in ((0, of_right), (1, of_forward), (2, x * of_forward - y * of_right)):
+        for row, inertia_slope in (
+            (0, right_slope),
+            (1, forward_slope),
+            (2, x * forward_slope - y * right_slope),
+        ):
             jacobian[row, column] += (
-                of_inertia + jacobian[row, 5] * of_right + jacobian[row, 6] * of_forward
+                inertia_slope + jacobian[row, 5] * right_slope + jacobian[row, 6] * forward_slope
             )
     return tips
 

@@ -133,10 +133,10 @@ def _solve(V: Floats, contact: Contact) -> _Solved:
     return solved
 
 
-def _keep_better(solved: _Solved, pairs: NDArray[np.intp], other: _Solved) -> None:
-    """Overwrite the solutions of some pairs where the other's residual is smaller."""
-    is_better = other.residual < solved.residual[pairs]
-    for values, better in zip(solved, other, strict=True):
+def _keep_better(solved: _Solved, pairs: NDArray[np.intp], candidate: _Solved) -> None:
+    """Overwrite solutions of pairs for which the candidate has a smaller residual."""
+    is_better = candidate.residual < solved.residual[pairs]
+    for values, better in zip(solved, candidate, strict=True):
         values[..., pairs[is_better]] = better[..., is_better]
 
 

@@ -84,7 +84,7 @@ def read_parameters(mapped: DynamicMap, reading: Reading, H: float | None = None
     H = on_spot_line(mapped) if H is None else H
     x_1, x_2 = symmetry_coordinates(mapped.motion.V_l[chosen], mapped.motion.V_r[chosen], H)
     force = mapped.magnitude[chosen]
-    zeta, epsilon, eta = (part[chosen] for part in mapped.indices)
+    zeta, epsilon, eta = (grid_values[chosen] for grid_values in mapped.indices)
     ones, signed_force = np.ones_like(force), force * np.sign(x_1) * np.sign(x_2)
     weight = mapped.motion.twist.w[chosen] ** 2 if reading.fit == "velocity" else ones
     fit = _absolute if reading.fit == "absolute" else _weighted

@@ -4,7 +4,7 @@ Also Table II of the published parameters themselves, and a check that shows tha
 numbers contradict each other.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import msgspec
@@ -21,6 +21,7 @@ from icreckon.simulation.paper.published import (
     AURIGA_ALPHA,
     PUBLISHED,
     READ_OFF,
+    PublishedNumber,
     published_mean_icrs,
     published_parameters,
 )
@@ -29,18 +30,13 @@ from icreckon.simulation.paper.readings import Reading, read_errors, read_means,
 INERTIAS: tuple[Inertia, ...] = ("measured", "literal", "smooth")
 
 
-class Row(msgspec.Struct, frozen=True, kw_only=True):
+class Row(PublishedNumber, frozen=True, kw_only=True):
     """Published number and its reproduction."""
 
-    name: str  # name of the number, see `icreckon.simulation.paper.published`
-    unit: str  # SI unit, "" for none
     published: float  # the number as printed [unit]
     reproduced: float  # the reproduced number [unit]
     difference_percent: float  # reproduced less published, as a share of the published size [%]
     rounds_to_published: bool  # True if the reproduced number rounds to the published digits
-    printed: str  # the published digits
-    where: str  # the place in the paper
-    read_off: bool  # True if it was read off a figure
 
 
 @dataclass(frozen=True)
@@ -119,10 +115,10 @@ def reproduce(guess: PaperContact) -> Reproduction:
     values, icrs, parameters, errors = numbers(mapped, guess.reading)
     rows = tuple(
         Row(
-            **asdict(number),
+            **msgspec.structs.asdict(number),
             published=number.value,
             reproduced=values[number.name],
-            difference_percent=number.difference_percent(values[number.name]),
+            difference_percent=number.percent_off(values[number.name]),
             rounds_to_published=number.rounds_from(values[number.name]),
         )
         for number in (*PUBLISHED, *READ_OFF)

@@ -115,8 +115,8 @@ class Runner:
         self._plan, self._engine, self._store = plan, engine, store
         self._report = report or (lambda _: None)
         self._waiting = deque(job for job in jobs if store.read(job) is None)
-        found, left = len(jobs) - len(self._waiting), sum(map(self._runs_of, self._waiting))
-        self._progress = Progress(found, len(jobs), found, runs=0, runs_left=left)
+        finished, left = len(jobs) - len(self._waiting), sum(map(self._runs_of, self._waiting))
+        self._progress = Progress(finished, len(jobs), finished, runs=0, runs_left=left)
         self._lost: Counter[Job] = Counter()
 
     def run(self, workers: int, executor: Executor | None) -> None:

@@ -133,9 +133,9 @@ def _refuse_others(folder: Path, old: dict[str, Any] | None, manifest: dict[str,
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return
     if old is None:
-        found = "a damaged manifest" if (folder / BLOCKS).is_dir() else "no study of icreckon"
+        old_content = "a damaged manifest" if (folder / BLOCKS).is_dir() else "no study of icreckon"
         raise SimulationError(
-            f"{folder} is there, and holds {found}; it is left alone, give another --out"
+            f"{folder} is there, and holds {old_content}; it is left alone, give another --out"
         )
     if old["digest"] == manifest["digest"]:
         return

@@ -156,7 +156,8 @@ def specific_forces(
     gravity = np.array([0.0, 0.0, -GRAVITY])
     if motion.gravity is not None:
         start, end = motion.window(times, window)
-        before, after = (angular_velocities(motion, at, window) for at in (start, end))
+        before = angular_velocities(motion, start, window)
+        after = angular_velocities(motion, end, window)
         omega_rate[:, :2] = (after - before)[:, :2] / (end - start)[:, None]
         gravity = _unturned_gravity(motion, motion.gravity, times)
         gravity[:, :2] = rotate(gravity[:, :2], -motion.turns_at(times))

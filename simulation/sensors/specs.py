@@ -181,17 +181,19 @@ def sensor_errors(specs: SensorSpecs, noise: str, robot: Robot) -> SensorErrors:
         bias_sigma=imu.accelerometer_bias_sigma,
         bias_walk=imu.accelerometer_bias_walk,
     )
-    kind, scaled = InertialErrors, INERTIAL_SCALED
+    imu_errors, imu_scaled = InertialErrors, INERTIAL_SCALED
     return SensorErrors(
         _combined(EncoderErrors, ENCODER_SCALED, specs.encoders, preset.encoders, file_encoders),
-        _combined(kind, scaled, specs.gyro, preset.gyro, file_gyro),
-        _combined(kind, scaled, specs.accelerometer, preset.accelerometer, file_accelerometer),
+        _combined(imu_errors, imu_scaled, specs.gyro, preset.gyro, file_gyro),
+        _combined(
+            imu_errors, imu_scaled, specs.accelerometer, preset.accelerometer, file_accelerometer
+        ),
         _combined(FixErrors, FIX_SCALED, specs.fixes, preset.fixes),
     )
 
 
 def _combined(
-    kind: type[Errors], scaled: tuple[str, ...], *specs: EncoderSpec | InertialSpec | FixSpec
+    error_type: type[Errors], scaled: tuple[str, ...], *specs: EncoderSpec | InertialSpec | FixSpec
 ) -> Errors:
     """Errors of a sensor: each parameter by the first spec that sets it.
 
@@ -202,7 +204,7 @@ def _combined(
         given = msgspec.structs.asdict(spec)
         parameters |= {name: value for name, value in given.items() if value is not None}
     factor = parameters.pop("factor", 1.0)
-    errors = kind(**parameters)
+    errors = error_type(**parameters)
     sizes = {name: getattr(errors, name) for name in scaled}
     multiplied = {name: factor * size for name, size in sizes.items() if size is not None}
     return msgspec.structs.replace(errors, **multiplied)

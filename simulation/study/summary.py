@@ -60,15 +60,15 @@ def summarise(
     paired = values if paired is None else paired
     has_value = np.isfinite(values)
     finite, finite_motions = values[has_value], motions[has_value]
-    both = np.isfinite(paired) & np.isfinite(baseline)
+    has_pair = np.isfinite(paired) & np.isfinite(baseline)
     mean = mean_interval(finite, finite_motions, positive=True)
-    difference = mean_interval(paired[both] - baseline[both], motions[both])
-    ratio = ratio_interval(paired[both], baseline[both], motions[both])
+    difference = mean_interval(paired[has_pair] - baseline[has_pair], motions[has_pair])
+    ratio = ratio_interval(paired[has_pair], baseline[has_pair], motions[has_pair])
     percentiles = [math.nan] * 3
     if len(finite):
         percentiles = np.percentile(finite, (50.0, 5.0, 95.0)).tolist()
     median, p05, p95 = percentiles
-    runs, true_motions, pairs = len(finite), len(np.unique(finite_motions)), int(both.sum())
+    runs, true_motions, pairs = len(finite), len(np.unique(finite_motions)), int(has_pair.sum())
     return Summary(runs, true_motions, *mean, median, p05, p95, pairs, *difference, *ratio)
 
 

@@ -228,9 +228,9 @@ def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats,
         return commands, np.gradient(commands, step, axis=0)
     decay = math.exp(-step / time_constant)
     share = (1.0 - decay) * time_constant / step
-    of_newer, of_older = 1.0 - share, share - decay
+    newer_weight, older_weight = 1.0 - share, share - decay
     # The filter begins in the steady state of the first command.
-    driving = of_newer * commands[1:] + of_older * commands[:-1]
+    driving = newer_weight * commands[1:] + older_weight * commands[:-1]
     speeds = first_order(np.concatenate([commands[:1], driving]), decay)
     return speeds, (commands - speeds) / time_constant
 

@@ -235,7 +235,7 @@ def _find_ground(
     pose: Floats,
     slope: Floats,
 ) -> None:
-    """Set friction and rolling resistance of the ground under both tracks, and its slope.
+    """Set friction and rolling resistance under both tracks, and the ground's slope.
 
     At a time [s], a pose (3,) and the yaw of the state [rad]. Without terrain the pose gets that yaw; the
     slope (2,) is as in `GridMotion`.

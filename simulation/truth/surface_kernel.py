@@ -213,10 +213,10 @@ def _normal(p_x: float, p_y: float) -> Vector:
 
 
 @compiled
-def _carry(vector: Vector, normal: Vector, other: Vector) -> Vector:
+def _carry(vector: Vector, normal: Vector, other_normal: Vector) -> Vector:
     """Turn a vector in a tangent plane by the smallest rotation between two normals."""
-    share = -_dot(other, vector) / (1.0 + _dot(normal, other))
-    (x, y, z), (n_x, n_y, n_z), (other_x, other_y, other_z) = vector, normal, other
+    share = -_dot(other_normal, vector) / (1.0 + _dot(normal, other_normal))
+    (x, y, z), (n_x, n_y, n_z), (other_x, other_y, other_z) = vector, normal, other_normal
     return x + share * (n_x + other_x), y + share * (n_y + other_y), z + share * (n_z + other_z)
 
 
