@@ -70,11 +70,13 @@ def point_loads(
     """Compute loads [N] under weight and a force at the centre of mass.
 
     They overwrite `results`. `weight` is the force that presses on the ground [N]; the force to
-    the right and forward [N] is the force of inertia, and gravity's part along a slope. Loads are planar over the points that touch and zero at
-    those that lift off: p = weight max(0, a + b x + c y). They solve a convex problem: minimise
-    sum(p^2 / weight) subject to the balance of force and moments and p >= 0. The solution is unique while
-    the weight and the force together point inside the contact. Newton's iteration over the set of
-    touching points, with a line search on the dual function, ends at the exact set.
+    the right and forward [N] is the force of inertia, and gravity's part along a slope.
+
+    Loads are planar over the points that touch and zero at those that lift off: p = weight max(0, a + b x
+    + c y). They solve a convex problem: minimise sum(p^2 / weight) subject to the balance of force and
+    moments and p >= 0. The solution is unique while the weight and the force together point inside the
+    contact. Newton's iteration over the set of touching points, with a line search on the dual function,
+    ends at the exact set.
 
     Returns True if the vehicle tips: no loads balance the moment. Then the centre of pressure (x, y) is
     held just inside the contact's edge.
