@@ -12,7 +12,7 @@ from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact.of_robot import robot_remarks
 from icreckon.simulation.running.engines import ENGINES, choose_engine
 from icreckon.simulation.running.manifest import as_json, manifest
-from icreckon.simulation.running.runner import Report, Runner
+from icreckon.simulation.running.runner import Report, run_jobs
 from icreckon.simulation.running.store import (
     RESULTS,
     BlockStore,
@@ -67,7 +67,8 @@ def run_study(
     identity = manifest(plan, chosen)
     store = open_store(Path(folder), identity, overwrite=overwrite)
     jobs = jobs_of(plan, chosen.block_runs)
-    Runner(plan, chosen, jobs, store, report).run(workers or os.cpu_count() or 1, executor)
+    count = workers or os.cpu_count() or 1
+    run_jobs(plan, chosen, jobs, store, workers=count, executor=executor, report=report)
     from icreckon.simulation.study.tables import results_parquet, runs_parquet
 
     gathered = _gathered(plan, jobs, store)

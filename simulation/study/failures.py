@@ -74,9 +74,11 @@ def _why_impossible(values: Floats, kinds: Sequence[Statistic]) -> str:
     names = [kind.name for kind in kinds]
     required = names[names.index(REQUIRED_FROM) : names.index(REQUIRED_TO) + 1]
     for kind, value in zip(kinds, values.tolist(), strict=True):
-        if math.isinf(value) or (math.isnan(value) and kind.name in required):
+        is_missing = math.isnan(value)
+        if math.isinf(value) or (is_missing and kind.name in required):
             return f"{kind.name} is not finite"
-        # Both comparisons are False for NaN, which a statistic that is not required may be.
+        if is_missing:
+            continue
         if value < 0.0:
             return f"{kind.name} is negative ({value:.3g})"
         if value > LARGEST[kind.unit]:

@@ -282,18 +282,18 @@ def _check_range(key: str, bounds: Any) -> None:
 
 def _refuse_shared_keys(sweep: Sweep) -> None:
     """Reject a key or an axis that more than one part of a sweep changes."""
-    owners: dict[str, str] = {}
-    axes = [(key, [key]) for key in sweep.grid]
+    latin_keys = sweep.latin.ranges if sweep.latin else {}
+    axes = [(key, {key}) for key in (*sweep.grid, *latin_keys)]
     axes += [
-        (axis, sorted({key for changes in named.values() for key in changes}))
-        for axis, named in sweep.cases.items()
+        (axis, {key for keys in cases.values() for key in keys})
+        for axis, cases in sweep.cases.items()
     ]
-    axes += [(key, [key]) for key in (sweep.latin.ranges if sweep.latin else {})]
     names = [axis for axis, _ in axes]
+    owners: dict[str, str] = {}
     for axis, keys in axes:
         if names.count(axis) > 1:
             raise SimulationError(f"{axis!r} is swept twice; leave one out")
-        for key in keys:
+        for key in sorted(keys):
             if key in owners:
                 raise SimulationError(
                     f"{key!r} is swept twice, by {owners[key]!r} and by {axis!r}; leave one out"
