@@ -117,22 +117,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         noise_preset(self.noise)  # raises if it does not exist
         check_whole("seed", self.seed)
         self._check_samples()
-        for what, spans in (("patches", self.patches), ("payloads", self.payloads)):
-            times = [span.time for span in spans]
-            if times and not any(start < self.duration and end > 0.0 for start, end in times):
-                raise SimulationError(
-                    f"time of all {what} is outside of the run of {self.duration!r} s, found {times!r}"
-                )
-        for start, end in self.outages:
-            if not start < end:
-                raise SimulationError(
-                    f"an outage must end after it starts, found {start!r} to {end!r} s"
-                )
-            if not (start >= 0.0 and end <= self.duration):
-                raise SimulationError(
-                    f"an outage must lie within the run of {self.duration!r} s, "
-                    f"found {start!r} to {end!r} s"
-                )
+        self._check_spans()
 
     def make_truth(self) -> FrictionTruth | KinematicTruth:
         """Make the truth model that moves the simulated robot.
@@ -152,26 +137,45 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             "patches": self.patches or None,
             "payloads": self.payloads or None,
         }
-        set_options = {key: value for key, value in options.items() if value is not None}
-        kind = TRUTHS[self.truth]
-        unknown = [key for key in set_options if key not in kind.__dataclass_fields__]
+        given = {key: value for key, value in options.items() if value is not None}
+        truth = TRUTHS[self.truth]
+        unknown = [key for key in given if key not in truth.__dataclass_fields__]
         if unknown:
             raise SimulationError(
                 f"the {self.truth} truth does not support {' or '.join(unknown)}; use truth = 'friction'"
             )
-        return kind(**set_options)
+        return truth(**given)
 
     def _check_samples(self) -> None:
         """Reject a rate that makes more than `MOST_SAMPLES`."""
-        rates = [(f"{name} = {getattr(self, name)!r} Hz", getattr(self, name)) for name in RATES]
+        rates = {f"{name} = {getattr(self, name)!r} Hz": getattr(self, name) for name in RATES}
         grid = grid_rate(self.imu_rate)
-        rates.append((f"the true motion at {grid:.0f} Hz (of imu_rate = {self.imu_rate!r})", grid))
-        for setting, rate in rates:
+        rates[f"the true motion at {grid:.0f} Hz (of imu_rate = {self.imu_rate!r})"] = grid
+        for setting, rate in rates.items():
             samples = rate * self.duration
             if samples > MOST_SAMPLES:
                 raise SimulationError(
                     f"{setting} over {self.duration!r} s makes {samples:.2g} samples, more than "
                     f"{MOST_SAMPLES:.2g}; lower the rate or the duration"
+                )
+
+    def _check_spans(self) -> None:
+        """Reject patches or payloads outside of the run, and outages not within it."""
+        for what, spans in (("patches", self.patches), ("payloads", self.payloads)):
+            times = [span.time for span in spans]
+            if times and not any(start < self.duration and end > 0.0 for start, end in times):
+                raise SimulationError(
+                    f"time of all {what} is outside of the run of {self.duration!r} s, found {times!r}"
+                )
+        for start, end in self.outages:
+            if not start < end:
+                raise SimulationError(
+                    f"an outage must end after it starts, found {start!r} to {end!r} s"
+                )
+            if not (start >= 0.0 and end <= self.duration):
+                raise SimulationError(
+                    f"an outage must lie within the run of {self.duration!r} s, "
+                    f"found {start!r} to {end!r} s"
                 )
 
 
@@ -213,12 +217,12 @@ def change_scenario(scenario: Scenario, changes: dict[str, Any], source: str) ->
         SimulationError: a misspelt key, a wrong type or a bad value.
     """
     data: dict[str, Any] = msgspec.to_builtins(scenario)
-    lost = lost_options(scenario, changes)
-    options = scenario.trajectory_options
-    data["trajectory_options"] = {name: options[name] for name in options if name not in lost}
-    if TRAJECTORY_FILE in lost:
-        data[TRAJECTORY_FILE] = None
-    return convert(merged(data, changes), Scenario, source, SimulationError)
+    for name in lost_options(scenario, changes):
+        if name == TRAJECTORY_FILE:
+            data[TRAJECTORY_FILE] = None
+        else:
+            del data["trajectory_options"][name]
+    return convert(_merged(data, changes), Scenario, source, SimulationError)
 
 
 def lost_options(scenario: Scenario, changes: dict[str, Any]) -> list[str]:
@@ -240,12 +244,12 @@ def grid_rate(imu_rate: float) -> float:
     return float(imu_rate * max(1.0, min(points, np.floor(HIGHEST_GRID / imu_rate))))
 
 
-def merged(data: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+def _merged(data: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     """Merge changes into a copy of nested tables; lists and numbers are replaced."""
     result = dict(data)
     for key, value in changes.items():
         old = result.get(key)
         if isinstance(old, dict) and isinstance(value, dict):
-            value = merged(old, value)
+            value = _merged(old, value)
         result[key] = value
     return result

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import PoseSeries, TrackSpeedSeries, Truth, TwistSeries
@@ -18,7 +20,7 @@ from icreckon.simulation.drives.trajectories import make_trajectory
 from icreckon.simulation.scenario import Scenario, errors_of, grid_rate
 from icreckon.simulation.sensors.encoders import with_encoder_errors
 from icreckon.simulation.sensors.fixes import measured_pose_times, with_fix_errors
-from icreckon.simulation.sensors.imu import Imu, perfect_readings, with_inertial_errors
+from icreckon.simulation.sensors.imu import Imu, perfect_imu, with_inertial_errors
 from icreckon.simulation.truth.true_motion import TrueMotion
 
 LONGEST_STAND = 60.0  # standing after a recording that needs no warning [s]
@@ -28,14 +30,13 @@ LONGEST_STAND = 60.0  # standing after a recording that needs no warning [s]
 class Simulation:
     """Simulated run with its true motion and sensor biases."""
 
-    scenario: Scenario  # configuration of the run
     log: Log  # the measurements, with the truth if the scenario includes it
     motion: TrueMotion  # the true motion at its full rate
     gyro_bias: Floats  # (n, 3) at the IMU's stamps, in the IMU's axes [rad/s]
     accelerometer_bias: Floats  # (n, 3) at the IMU's stamps, in the IMU's axes [m/s²]
 
 
-class Perfect(NamedTuple):
+class PerfectReadings(NamedTuple):
     """Error-free sensor readings of a true motion."""
 
     tracks: Floats  # (n, 2) mean speeds of the tracks since the sample before [m/s]
@@ -90,27 +91,21 @@ def run_scenario(
     if not isinstance(robot, Robot):
         raise SimulationError(f"{robot!r} is no Robot; load it with load_robot({robot!r})")
     streams = random_streams(scenario.seed, run_index if motion_index is None else motion_index)
-    motion = drive(scenario, robot, streams, recording=recording)
+    motion = simulate_motion(scenario, robot, streams, recording=recording)
     truth = None
     if scenario.include_truth:
         truth = truth_of(motion, sample_times(scenario.duration, scenario.truth_rate))
-    log, imu = measured(perfect(motion, scenario, robot), truth, scenario, robot, run_index)
-    return Simulation(scenario, log, motion, imu.gyro_bias, imu.accelerometer_bias)
+    readings = perfect_readings(motion, scenario, robot)
+    log, imu = log_with_errors(readings, truth, scenario, robot, run_index)
+    return Simulation(log, motion, imu.gyro_bias, imu.accelerometer_bias)
 
 
-def drive(
+def simulate_motion(
     scenario: Scenario, robot: Robot, streams: Streams, *, recording: TrackSpeedSeries | None = None
 ) -> TrueMotion:
-    """Simulate the true motion of a run.
+    """Simulate the true motion of a run; of the sensors, only the IMU's rate counts.
 
-    Args:
-        scenario: configuration of the run; of its sensors, only the IMU's rate is used.
-        robot: the robot as described by its file.
-        streams: random streams; those of trajectory and truth are used.
-        recording: track speeds to drive, see `simulate`.
-
-    Raises:
-        SimulationError: see `simulate`.
+    Of the random streams, those of trajectory and truth are used. Recording and errors: see `simulate`.
     """
     duration = scenario.duration
     if scenario.trajectory_file is not None:
@@ -121,12 +116,13 @@ def drive(
             )
         recording = read_recording(Path(scenario.trajectory_file))
     if recording is not None and len(recording.stamps):
-        lasts = float(recording.stamps[-1] - recording.stamps[0]) * NANOSECOND + STANDSTILL
-        if lasts > 1.1 * duration or lasts < duration - LONGEST_STAND:
-            rest = "its rest is not driven" if lasts > duration else "then the robot stands"
+        recording_end = float(recording.stamps[-1] - recording.stamps[0]) * NANOSECOND + STANDSTILL
+        if recording_end > 1.1 * duration or recording_end < duration - LONGEST_STAND:
+            is_cut = recording_end > duration
+            effect = "its rest is not driven" if is_cut else "then the robot stands"
             warnings.warn(
-                f"the recording ends after {lasts:.1f} s, the run after {duration:g} s: {rest}; set "
-                "duration",
+                f"the recording ends after {recording_end:.1f} s, the run after {duration:g} s: "
+                f"{effect}; set duration",
                 stacklevel=3,
             )
     command = make_trajectory(
@@ -137,44 +133,38 @@ def drive(
         scenario.trajectory_options,
         recording,
     )
-    return scenario.make_truth().run(
-        command, duration, robot, streams.truth, rate=grid_rate(scenario.imu_rate)
-    )
+    rate = grid_rate(scenario.imu_rate)
+    return scenario.make_truth().run(command, duration, robot, streams.truth, rate=rate)
 
 
-def perfect(motion: TrueMotion, scenario: Scenario, robot: Robot) -> Perfect:
+def perfect_readings(motion: TrueMotion, scenario: Scenario, robot: Robot) -> PerfectReadings:
     """Error-free readings of a true motion at the sample times of a scenario."""
     duration, imu_rate = scenario.duration, scenario.imu_rate
-    errors = errors_of(scenario, robot).fixes
-    return Perfect(
+    fix_errors = errors_of(scenario, robot).fixes
+    return PerfectReadings(
         motion.mean_track_speeds(sample_times(duration, scenario.track_rate)),
-        perfect_readings(motion, sample_times(duration, imu_rate), imu_rate, robot),
-        motion.poses_at(measured_pose_times(fix_times(scenario), errors)),
+        perfect_imu(motion, sample_times(duration, imu_rate), imu_rate, robot),
+        motion.poses_at(measured_pose_times(fix_times(scenario), fix_errors)),
     )
 
 
-def measured(
-    true: Perfect, truth: Truth | None, scenario: Scenario, robot: Robot, run_index: int
+def log_with_errors(
+    perfect: PerfectReadings, truth: Truth | None, scenario: Scenario, robot: Robot, run_index: int
 ) -> tuple[Log, Imu]:
     """Log of a run, and its IMU: error-free readings with the errors of a scenario.
 
-    Args:
-        true: error-free readings.
-        truth: truth of the log.
-        scenario: rates and errors of the sensors, and the seed of what draws the errors.
-        robot: the robot that carries the sensors.
-        run_index: index of the run within the study.
+    Seed of the scenario and index of the run draw the errors; the truth is stored as it is.
     """
     streams, errors = random_streams(scenario.seed, run_index), errors_of(scenario, robot)
     tracks = with_encoder_errors(
-        true.tracks,
+        perfect.tracks,
         sample_times(scenario.duration, scenario.track_rate),
         scenario.track_rate,
         errors.encoders,
         streams.tracks,
     )
     imu = with_inertial_errors(
-        true.imu,
+        perfect.imu,
         sample_times(scenario.duration, scenario.imu_rate),
         scenario.imu_rate,
         robot,
@@ -186,7 +176,7 @@ def measured(
     fixes = None
     if scenario.fix_rate > 0.0:
         fixes = with_fix_errors(
-            true.fixes, fix_times(scenario), errors.fixes, scenario.outages, streams.fixes
+            perfect.fixes, fix_times(scenario), errors.fixes, scenario.outages, streams.fixes
         )
     name = f"{robot.name} {scenario.trajectory} seed {scenario.seed} run {run_index}"
     return Log(name, tracks, imu.series, fixes, truth), imu
@@ -204,7 +194,7 @@ def truth_of(motion: TrueMotion, times: Floats) -> Truth:
 
 
 def fix_times(scenario: Scenario) -> Floats:
-    """Arrival times of fixes, those in outages included [s]."""
+    """Arrival times (n,) of fixes, those in outages included [s]."""
     if scenario.fix_rate == 0.0:
-        return sample_times(0.0, 1.0)[:0]  # no times
+        return np.zeros(0)
     return sample_times(scenario.duration, scenario.fix_rate)

@@ -8,7 +8,7 @@ from icreckon import FixSeries, Robot, TrackSpeedSeries
 from icreckon.estimator.base.array_types import Floats
 from icreckon.simulation.sensors.encoders import EncoderErrors, with_encoder_errors
 from icreckon.simulation.sensors.fixes import FixErrors, measured_pose_times, with_fix_errors
-from icreckon.simulation.sensors.imu import Imu, perfect_readings, with_inertial_errors
+from icreckon.simulation.sensors.imu import Imu, perfect_imu, with_inertial_errors
 from icreckon.simulation.truth.true_motion import TrueMotion
 
 
@@ -27,5 +27,5 @@ def read_fixes(
 
 def read_imu(motion: TrueMotion, times: Floats, rate: float, robot: Robot, *errors: Any) -> Imu:
     """With errors of gyro and accelerometer, and the generators of both."""
-    perfect = perfect_readings(motion, times, rate, robot)
+    perfect = perfect_imu(motion, times, rate, robot)
     return with_inertial_errors(perfect, times, rate, robot, *errors)

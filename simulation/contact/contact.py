@@ -27,13 +27,11 @@ moments about the ground of the vehicle's weight and of a horizontal force at th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.checks import Positive, check_bounds
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.soil import Soil
@@ -58,11 +56,6 @@ class ContactGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         check_bounds(self)
         if len(self.positions) < 2 or not np.all(np.diff(self.positions) > 0.0):
             raise ValueError(f"positions must be two or more, rising, found {self.positions!r}")
-        if self.weights and len(self.weights) != len(self.positions):
-            raise ValueError(
-                f"weights must be as many as positions ({len(self.positions)}), "
-                f"found {len(self.weights)}"
-            )
         if not self.across or not np.all(np.abs(self.across) < 0.5 * self.gauge):
             raise ValueError(
                 f"across must be one or more offsets of less than half the gauge, "
@@ -121,43 +114,14 @@ class Contact:
             )
 
 
-class ContactPoints(NamedTuple):
-    """Contact points: coordinates (right, forward) [m], weights [-]; left track first."""
-
-    x: Floats
-    y: Floats
-    weight: Floats
-    # Inverse (3, 3) of the weighted sums of products of 1, x, y over all points. Times (1, x, y) of the
-    # centre of pressure it is (a, b, c) of the planar loads.
-    even: Floats
-
-
 def equally_spaced(gauge: float, half_length: float, count: int) -> ContactGeometry:
     """Make evenly spaced contact points from end to end of each track.
 
     The gauge L is between the track centrelines, `half_length` half the length of a contact [m],
     `count` the number of points, at least 2.
     """
-    positions = np.linspace(-half_length, half_length, count)
-    return ContactGeometry(gauge, tuple(float(position) for position in positions))
-
-
-@lru_cache(maxsize=64)
-def contact_points(geometry: ContactGeometry) -> ContactPoints:
-    """Contact points of both tracks; weights sum to 1 over both."""
-    across = np.tile(geometry.across, len(geometry.positions))
-    along = np.repeat(geometry.positions, len(geometry.across))
-    weights = np.array(geometry.weights or (1.0,) * len(geometry.positions))
-    weights = np.repeat(weights, len(geometry.across))
-    right = 0.5 * geometry.gauge + across
-    x, y = np.concatenate([-right, right]), np.concatenate([along, along])
-    weights = np.concatenate([weights, weights]) / (2.0 * weights.sum())
-    basis = np.stack([np.ones_like(x), x, y])
-    even = np.asarray(np.linalg.inv((weights * basis) @ basis.T), dtype=float)
-    points = ContactPoints(x, y, weights, even)
-    for values in points:
-        values.setflags(write=False)  # cached, so all callers share these arrays
-    return points
+    positions = np.linspace(-half_length, half_length, count).tolist()
+    return ContactGeometry(gauge, tuple(positions))
 
 
 def ground(contact: Contact) -> Ground:
@@ -165,8 +129,20 @@ def ground(contact: Contact) -> Ground:
     from icreckon.simulation.contact.contact_forces import Ground
 
     soil, geometry, body = contact.soil, contact.geometry, contact.body
+    across = np.tile(geometry.across, len(geometry.positions))
+    along = np.repeat(geometry.positions, len(geometry.across))
+    weights = np.array(geometry.weights or (1.0,) * len(geometry.positions))
+    weights = np.repeat(weights, len(geometry.across))
+    right = 0.5 * geometry.gauge + across
+    # Both tracks are alike; the left one comes first.
+    x, y = np.concatenate([-right, right]), np.concatenate([along, along])
+    shares = np.concatenate([weights, weights]) / (2.0 * weights.sum())
+    basis = np.stack([np.ones_like(x), x, y])
     return Ground(
-        *contact_points(geometry),
+        x,
+        y,
+        shares,
+        np.asarray(np.linalg.inv((shares * basis) @ basis.T), dtype=float),
         0.5 * geometry.gauge,
         _outline(geometry),
         np.array([soil.coefficients, soil.coefficients]),

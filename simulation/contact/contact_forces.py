@@ -38,7 +38,9 @@ class Ground(NamedTuple):
     x: Floats  # (m,) contact points, left track first, right of the origin [m]
     y: Floats  # (m,) contact points, forward of the origin [m]
     share: Floats  # (m,) share of each point in the load under even pressure, sum 1 [-]
-    even: Floats  # (3, 3) inverse of all points' moments of 1, x, y
+    # (3, 3) inverse of all points' moments of 1, x, y, weighted by their shares; times (1, x, y) of the
+    # centre of pressure it is (a, b, c) of the planar loads
+    even: Floats
     half_gauge: float  # L / 2 [m]
     # half width, rear and front end of the rectangle around all points [m]
     outline: tuple[float, float, float]
@@ -62,20 +64,24 @@ class PointLoads(NamedTuple):
 
 
 @compiled
-def point_loads(ground: Ground, weight: float, right: Any, forward: Any, found: PointLoads) -> bool:
-    """Compute loads [N] under weight and a force at the centre of mass, in place.
+def point_loads(
+    ground: Ground, weight: float, right: Any, forward: Any, results: PointLoads
+) -> bool:
+    """Compute loads [N] under weight and a force at the centre of mass.
 
-    `weight` is the force that presses on the ground [N]; the force to the right and forward [N] is that
-    of inertia, and gravity's part along a slope. Loads are planar over the points that touch and zero at
-    those that lift off: p = weight max(0, a + b x + c y). They solve a convex problem: minimise
-    sum(p^2 / weight) subject to the balance of force and moments and p >= 0. The solution is unique while
-    the weight and the force together point inside the contact. Newton's iteration over the set of
-    touching points, with a line search on the dual function, ends at the exact set.
+    They overwrite `results`. `weight` is the force that presses on the ground [N]; the force to
+    the right and forward [N] is the force of inertia, and gravity's part along a slope.
+
+    Loads are planar over the points that touch and zero at those that lift off: p = weight max(0, a + b x
+    + c y). They solve a convex problem: minimise sum(p^2 / weight) subject to the balance of force and
+    moments and p >= 0. The solution is unique while the weight and the force together point inside the
+    contact. Newton's iteration over the set of touching points, with a line search on the dual function,
+    ends at the exact set.
 
     Returns True if the vehicle tips: no loads balance the moment. Then the centre of pressure (x, y) is
     held just inside the contact's edge.
     """
-    loads, by_right, by_forward = found
+    loads, by_right, by_forward = results
     x_CM, y_CM, z_CM = ground.centre
     half, rear, front = ground.outline
     arm = z_CM / weight
@@ -92,9 +98,7 @@ def point_loads(ground: Ground, weight: float, right: Any, forward: Any, found: 
         y_free = 0.0
     # A point at (X, Y) carries its share of the pressure p_a + p_b X + p_c Y.
     inverse = ground.even
-    p_a = weight * (inverse[0, 0] + inverse[0, 1] * x + inverse[0, 2] * y)
-    p_b = weight * (inverse[1, 0] + inverse[1, 1] * x + inverse[1, 2] * y)
-    p_c = weight * (inverse[2, 0] + inverse[2, 1] * x + inverse[2, 2] * y)
+    p_a, p_b, p_c = _pressure_plane(inverse, weight, x, y)
     lifts = False
     for i in range(len(ground.x)):
         pressed = p_a + p_b * ground.x[i] + p_c * ground.y[i]
@@ -102,9 +106,7 @@ def point_loads(ground: Ground, weight: float, right: Any, forward: Any, found: 
     if lifts:
         plane = np.array([p_a.real, p_b.real, p_c.real]) / weight
         inverse = _inverse_of_touching(ground, x.real, y.real, plane)
-        p_a = weight * (inverse[0, 0] + inverse[0, 1] * x + inverse[0, 2] * y)
-        p_b = weight * (inverse[1, 0] + inverse[1, 1] * x + inverse[1, 2] * y)
-        p_c = weight * (inverse[2, 0] + inverse[2, 1] * x + inverse[2, 2] * y)
+        p_a, p_b, p_c = _pressure_plane(inverse, weight, x, y)
     for i in range(len(ground.x)):
         X, Y, share = ground.x[i], ground.y[i], ground.share[i]
         pressed = share * (p_a + p_b * X + p_c * Y)
@@ -189,7 +191,7 @@ def add_track_forces(
         values[0] -= f_x
         values[1] -= f_y
         values[2] -= moment
-        for column, of_x, of_y, of_moment in (
+        for column, x_slope, y_slope, moment_slope in (
             (0, xx, xy, xy_x - xx_y),
             (1, xy, yy, yy_x - xy_y),
             (2, xy_x - xx_y, yy_x - xy_y, xx_yy - 2.0 * xy_xy + yy_xx),
@@ -197,9 +199,9 @@ def add_track_forces(
             (5, right_x, right_y, right_moment),
             (6, forward_x, forward_y, forward_moment),
         ):
-            jacobian[0, column] -= of_x
-            jacobian[1, column] -= of_y
-            jacobian[2, column] -= of_moment
+            jacobian[0, column] -= x_slope
+            jacobian[1, column] -= y_slope
+            jacobian[2, column] -= moment_slope
         if ground.rolling_resistance[track] > 0.0:
             track_loads = load, right_load, forward_load
             _add_rolling_resistance(ground, track, twist, V, track_loads, values, jacobian)
@@ -246,21 +248,25 @@ def add_steady_balance(
     values[0] += right
     values[1] += forward
     values[2] += x * forward - y * right
-    for column, of_right, of_forward in (
+    for column, right_slope, forward_slope in (
         (0, 0.0 * w, -M * w),
         (1, M * w, 0.0 * w),
         (2, M * (v_y + 2.0 * x * w), M * (2.0 * y * w - v_x)),
     ):
-        for row, of_inertia in ((0, of_right), (1, of_forward), (2, x * of_forward - y * of_right)):
+        for row, inertia_slope in (
+            (0, right_slope),
+            (1, forward_slope),
+            (2, x * forward_slope - y * right_slope),
+        ):
             jacobian[row, column] += (
-                of_inertia + jacobian[row, 5] * of_right + jacobian[row, 6] * of_forward
+                inertia_slope + jacobian[row, 5] * right_slope + jacobian[row, 6] * forward_slope
             )
     return tips
 
 
 @compiled
-def solve_3(matrix: Any, right_hand_side: Any, solution: Any) -> bool:
-    """Solve a 3 by 3 system by cofactors; if it is singular, set zero, return False."""
+def _solve_3(matrix: Any, right_hand_side: Any, solution: Any) -> None:
+    """Solve a 3 by 3 system by cofactors; zero if it is singular."""
     a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
     d, e, f = matrix[1, 0], matrix[1, 1], matrix[1, 2]
     g, h, i = matrix[2, 0], matrix[2, 1], matrix[2, 2]
@@ -269,11 +275,10 @@ def solve_3(matrix: Any, right_hand_side: Any, solution: Any) -> bool:
     determinant = a * first + b * second + c * third
     if determinant == 0.0:
         solution[:] = 0.0
-        return False
+        return
     solution[0] = (first * x + (c * h - b * i) * y + (b * f - c * e) * z) / determinant
     solution[1] = (second * x + (a * i - c * g) * y + (c * d - a * f) * z) / determinant
     solution[2] = (third * x + (b * g - a * h) * y + (a * e - b * d) * z) / determinant
-    return True
 
 
 @compiled
@@ -325,7 +330,7 @@ def newton_of_many(
                 for row in range(3):
                     jacobian[row] *= unit[row]
                 # A singular Jacobian gives a zero step, which improves nothing: the pair is stuck.
-                solve_3(jacobian, values, step)
+                _solve_3(jacobian, values, step)
                 step_share = 1.0
             else:
                 step_share *= 0.5
@@ -364,6 +369,19 @@ def _mobilised(
     by_w = by_slip_over_slip * (x * slip_y - halfway * slip_x)
     by_V = -by_slip_over_slip * slip_y + unmobilised / K * slip * time_by_V
     return 1.0 - unmobilised, by_x, by_y, by_w, by_V
+
+
+@compiled
+def _pressure_plane(inverse: Floats, weight: float, x: Any, y: Any) -> tuple[Any, Any, Any]:
+    """Pressure plane a + b X + c Y [N] of a weight [N] with its centre at x, y [m].
+
+    `inverse` (3, 3) is that of the moments of the points that carry it.
+    """
+    return (
+        weight * (inverse[0, 0] + inverse[0, 1] * x + inverse[0, 2] * y),
+        weight * (inverse[1, 0] + inverse[1, 1] * x + inverse[1, 2] * y),
+        weight * (inverse[2, 0] + inverse[2, 1] * x + inverse[2, 2] * y),
+    )
 
 
 @compiled

@@ -12,13 +12,13 @@ Newton's iteration (compiled) with the analytic Jacobian and step halving on the
    acceleration;
 4. if that motion ceases to exist in between, from guesses spread over all plausible twists.
 
-Hard turns at high speed can have more than one stationary motion; one of them is found. A pair that
-none of the stages solves is never dropped: it is named in an error, or marked in the result. With both
-tracks at rest, friction holds the vehicle, and its twist is zero.
+Hard turns at high speed can have more than one stationary motion; one of them is found. A pair that no
+stage solves is never dropped: it raises an error, or is marked in the result. With both tracks at rest,
+friction holds the vehicle, and its twist is zero.
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -48,7 +48,6 @@ YAW_SHARES = np.linspace(0.1, 1.1, 11)
 FORWARD_SHARES = np.linspace(-1.0, 1.0, 17)
 LATERAL_SHARES = (-0.2, 0.0, 0.2)
 TYPICAL_ETA = 2.5  # first guess: effective gauge over gauge of a typical skid-steer vehicle
-MOST_NAMED_PAIRS = 8
 
 
 @dataclass(frozen=True)
@@ -65,30 +64,6 @@ class SteadyMotion:
     # True if the force of inertia points outside the contact: the vehicle would tip
     tipping: NDArray[np.bool_]
 
-    def require_converged(self) -> Self:
-        """Return the motions if all converged.
-
-        Raises:
-            SimulationError: some did not; the message names their track speeds.
-        """
-        failed = np.flatnonzero(~self.converged)
-        if not failed.size:
-            return self
-        V_l, V_r, residual = (
-            values.ravel()[failed[:MOST_NAMED_PAIRS]]
-            for values in (self.V_l, self.V_r, self.residual)
-        )
-        named = ", ".join(
-            f"({left:.6g}, {right:.6g}) with {balance:.1e}"
-            for left, right, balance in zip(V_l, V_r, residual, strict=True)
-        )
-        unnamed = failed.size - MOST_NAMED_PAIRS
-        more = f" and {unnamed} more" if unnamed > 0 else ""
-        raise SimulationError(
-            f"no stationary motion found for {failed.size} of {self.converged.size} pairs of track "
-            f"speeds: (V_l, V_r) [m/s] and the balance left as a share of the weight: {named}{more}"
-        )
-
 
 def solve_steady(
     V_l: ArrayLike, V_r: ArrayLike, contact: Contact, *, strict: bool = True
@@ -104,13 +79,20 @@ def solve_steady(
     shape, V = left.shape, np.stack([left.ravel(), right.ravel()])
     if not np.isfinite(V).all():
         raise SimulationError("track speeds must be finite numbers, found NaN or infinity")
-    solved = _solve(_guess(V, contact), V, contact)
+    solved = _solve(V, contact)
     # Adding zero turns -0.0 into 0.0, which tables would print with a sign.
     twist = PaperTwist(*(component.reshape(shape) + 0.0 for component in solved.twist))
     residual, tipping = solved.residual.reshape(shape), solved.tipping.reshape(shape)
     converged = residual <= CONVERGED
-    motion = SteadyMotion(left.copy(), right.copy(), twist, residual, converged, tipping)
-    return motion.require_converged() if strict else motion
+    failed = np.flatnonzero(~converged)
+    if strict and failed.size:
+        worst = failed[residual.flat[failed].argmax()]
+        raise SimulationError(
+            f"no stationary motion found for {failed.size} of {converged.size} pairs of track speeds; "
+            f"worst at V_l = {left.flat[worst]:.6g} and V_r = {right.flat[worst]:.6g} m/s, where forces "
+            f"of {residual.flat[worst]:.1e} times the weight are not balanced"
+        )
+    return SteadyMotion(left.copy(), right.copy(), twist, residual, converged, tipping)
 
 
 def track_speed_grid(count: int = 21) -> tuple[Floats, Floats]:
@@ -133,8 +115,9 @@ class _Solved(NamedTuple):
     tipping: NDArray[np.bool_]
 
 
-def _solve(start: Floats, V: Floats, contact: Contact) -> _Solved:
+def _solve(V: Floats, contact: Contact) -> _Solved:
     """Apply the module's stages in turn, each to the pairs that are not solved yet."""
+    start = _guess(V, contact)
     solved = _newton(start, V, contact, DIRECT_STEPS, TOLERANCE)
     unsolved = np.flatnonzero(solved.residual > TOLERANCE)
     if unsolved.size:
@@ -146,14 +129,14 @@ def _solve(start: Floats, V: Floats, contact: Contact) -> _Solved:
             break
         _keep_better(solved, unsolved, _along_speed(V[:, unsolved], contact, steps))
     for pair in np.flatnonzero(solved.residual > CONVERGED):
-        _keep_better(solved, np.array([pair]), _from_everywhere(V[:, [pair]], contact))
+        _keep_better(solved, np.array([pair]), _from_spread_guesses(V[:, pair], contact))
     return solved
 
 
-def _keep_better(solved: _Solved, pairs: NDArray[np.intp], other: _Solved) -> None:
-    """Overwrite the solutions of some pairs where the other's residual is smaller."""
-    is_better = other.residual < solved.residual[pairs]
-    for values, better in zip(solved, other, strict=True):
+def _keep_better(solved: _Solved, pairs: NDArray[np.intp], candidate: _Solved) -> None:
+    """Overwrite solutions of pairs for which the candidate has a smaller residual."""
+    is_better = candidate.residual < solved.residual[pairs]
+    for values, better in zip(solved, candidate, strict=True):
         values[..., pairs[is_better]] = better[..., is_better]
 
 
@@ -178,15 +161,15 @@ def _along_speed(V: Floats, contact: Contact, steps: int) -> _Solved:
     return _newton(twist, V, contact, FINAL_STEPS, TOLERANCE)
 
 
-def _from_everywhere(V: Floats, contact: Contact) -> _Solved:
-    """Best solution for one pair of track speeds (2, 1) from spread guesses."""
-    left, right = V[:, 0]
+def _from_spread_guesses(pair: Floats, contact: Contact) -> _Solved:
+    """Best solution for one pair of track speeds (2,) from spread guesses."""
+    left, right = pair
     difference = np.abs(right - left)
     yaw, forward, lateral = np.meshgrid(YAW_SHARES, FORWARD_SHARES, LATERAL_SHARES)
     w = yaw.ravel() * (right - left) / contact.geometry.gauge
     v_x = contact.body.y_CM * w + 0.5 * difference * lateral.ravel()
-    v_y = V.mean() + 0.5 * difference * forward.ravel()
-    guesses, repeated_V = np.stack([v_x, v_y, w]), np.repeat(V, w.size, axis=1)
+    v_y = pair.mean() + 0.5 * difference * forward.ravel()
+    guesses, repeated_V = np.stack([v_x, v_y, w]), np.repeat(pair[:, None], w.size, axis=1)
     solved = _newton(guesses, repeated_V, contact, FINAL_STEPS, TOLERANCE)
     if solved.residual.min() > CONVERGED:
         solved = _along_regularisation(guesses, repeated_V, contact)

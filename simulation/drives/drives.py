@@ -2,9 +2,9 @@
 
 Their keyword arguments are the options of a trajectory (`icreckon.simulation.drives.trajectories`); the
 types state the allowed values. Each fills a `duration` [s], takes max_track_speed, gauge and indices from
-the `robot`, and draws what is random, and how long it lasts, from `rng`. Speeds are shares of
-max_track_speed, so that each trajectory fits any robot. Random trajectories are drawn event by event, so
-a longer one from the same seed begins like the shorter.
+the `robot`, and draws random speeds and durations from `rng`. Speeds are shares of max_track_speed, so
+that each trajectory fits any robot. Random trajectories are drawn event by event, so a longer one begins
+like the shorter one of the same seed.
 """
 
 from collections.abc import Callable
@@ -79,18 +79,17 @@ def figure_eight(
     begins to the right; it must not be zero.
     """
     top = robot.vehicle.max_track_speed
-    mean, half = speed * top, abs(turn) * top
+    mean, half = speed * top, turn * top
     edge_s = blend_duration(2.0 * half)
-    circle_s = np.pi * robot.vehicle.track_gauge * robot.indices.eta0 / half + EDGE_LOSS * edge_s
-    events, start = [], STANDSTILL
-    side = 1.0 if turn > 0.0 else -1.0  # 1 for a circle to the left, -1 to the right
-    while True:
-        events.append((start, mean - side * half, mean + side * half))
-        ramp_s = blend_duration(abs(mean) + half) if start == STANDSTILL else edge_s
-        start += max(circle_s, ramp_s)
-        side = -side
-        if start > duration:
-            return blends(events)
+    effective_gauge = robot.vehicle.track_gauge * robot.indices.eta0
+    circle_s = np.pi * effective_gauge / abs(half) + EDGE_LOSS * edge_s
+    events = [(STANDSTILL, mean - half, mean + half)]
+    start = STANDSTILL + max(circle_s, blend_duration(abs(mean) + abs(half)))
+    while start <= duration:
+        half = -half
+        events.append((start, mean - half, mean + half))
+        start += max(circle_s, edge_s)
+    return blends(events)
 
 
 def slalom(
@@ -218,30 +217,31 @@ def stop_and_go(
     """
     top = robot.vehicle.max_track_speed
     ramp = blend_duration((abs(speed) + abs(turn)) * top)
-    events, start = [], STANDSTILL
-    for half in cycle((0.0, turn, -turn)):
-        if start > duration:
-            break
+    # A run may end before the first drive.
+    events, start = [(0.0, 0.0, 0.0)], STANDSTILL
+    bends = cycle((0.0, turn, -turn))
+    while start <= duration:
+        half = next(bends)
         events.append((start, (speed - half) * top, (speed + half) * top))
         events.append((start + ramp + drive, 0.0, 0.0))
         start = start + 2.0 * ramp + drive + rest
-    return blends(events or [(STANDSTILL, 0.0, 0.0)])  # a run may end before the first drive
+    return blends(events)
 
 
 def _random_blends(
     duration: float, rng: Generator, draw: Callable[[], tuple[float, float]], hold: float
 ) -> Blends:
     """Blends to drawn speeds, each held for an exponential time of mean `hold` [s]."""
-    events, start, before = [], STANDSTILL, (0.0, 0.0)
-    while True:
-        target = draw()
-        events.append((start, *target))
-        change = max(abs(target[0] - before[0]), abs(target[1] - before[1]))
+    events: list[tuple[float, float, float]] = []
+    start, before = STANDSTILL, (0.0, 0.0)
+    while not events or start <= duration:
+        left, right = draw()
+        events.append((start, left, right))
+        change = max(abs(left - before[0]), abs(right - before[1]))
         # A hold of -0.0 is allowed here, but not by numpy: hence abs.
         start = start + blend_duration(change) + rng.exponential(abs(hold))
-        before = target
-        if start > duration:
-            return blends(events)
+        before = left, right
+    return blends(events)
 
 
 # Generators by the name of their trajectory.

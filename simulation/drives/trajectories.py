@@ -41,8 +41,8 @@ def trajectory_names() -> list[str]:
 
 def trajectory_options(name: str) -> dict[str, float | None]:
     """Options of a trajectory with defaults; None stands for the robot file's value."""
-    parameters = inspect.signature(_maker(name)).parameters.values()
-    options = (option for option in parameters if option.kind is option.KEYWORD_ONLY)
+    parameters = inspect.signature(_generator(name)).parameters.values()
+    options = [option for option in parameters if option.kind is option.KEYWORD_ONLY]
     return {option.name: option.default for option in options}
 
 
@@ -62,34 +62,37 @@ def check_trajectory(
         raise SimulationError(
             f"a recording was given, but trajectory = {name!r}; set trajectory = {RECORDED!r}"
         )
-    hints = get_type_hints(_maker(name), include_extras=True)
-    known = list(trajectory_options(name))
+    defaults = trajectory_options(name)
+    types = get_type_hints(_generator(name), include_extras=True)
     for option, value in options.items():
-        if option not in known:
-            raise SimulationError(
-                f"trajectory {name!r} has no option {option!r}{nearest_hint(option, known)}"
-            )
+        if option not in defaults:
+            hint = nearest_hint(option, list(defaults))
+            raise SimulationError(f"trajectory {name!r} has no option {option!r}{hint}")
         try:
-            msgspec.convert(value, hints[option])
+            msgspec.convert(value, types[option])
         except msgspec.ValidationError as problem:
             raise SimulationError(
                 f"option {option!r} of trajectory {name!r} cannot be {value!r}: {problem}"
             ) from None
         Bound("finite").require(f"option {option!r} of trajectory {name!r}", value, SimulationError)
-    together: dict[str, Any] = {**trajectory_options(name), **options}
+    _check_together(name, {**defaults, **options})
+
+
+def _check_together(name: str, options: dict[str, Any]) -> None:
+    """Reject options of a trajectory, each of them valid, that contradict each other."""
     if name in ORDERED:
         low, high = ORDERED[name]
-        if together[low] > together[high]:
+        if options[low] > options[high]:
             raise SimulationError(
-                f"trajectory {name!r}: {low} = {together[low]!r} is more than {high} = "
-                f"{together[high]!r}; give both, the smaller one as {low}"
+                f"trajectory {name!r}: {low} = {options[low]!r} is more than {high} = "
+                f"{options[high]!r}; give both, the smaller one as {low}"
             )
-    if name == "random" and together["reverse"] + together["stop"] > 1.0:
+    if name == "random" and options["reverse"] + options["stop"] > 1.0:
         raise SimulationError(
             "trajectory 'random': reverse and stop are shares of all manoeuvres, together at most 1, "
-            f"found {together['reverse']!r} and {together['stop']!r}"
+            f"found {options['reverse']!r} and {options['stop']!r}"
         )
-    if name == "figure-eight" and together["turn"] == 0.0:
+    if name == "figure-eight" and options["turn"] == 0.0:
         raise SimulationError(
             "option 'turn' of trajectory 'figure-eight' cannot be 0.0: no circle would close"
         )
@@ -114,18 +117,17 @@ def make_trajectory(
     """
     options = options or {}
     check_trajectory(name, options, recording)
-    if name == RECORDED:
-        if recording is None:
-            raise SimulationError(
-                f"trajectory {RECORDED!r} needs trajectory_file, a CSV file with columns t, left, right"
-            )
-        command: Recorded | Blends | Slalom = recorded(recording, **options)
+    if name != RECORDED:
+        command = _generator(name)(duration, robot, rng, **options)
+    elif recording is not None:
+        command = recorded(recording, **options)
     else:
-        command = TRAJECTORIES[name](duration, robot, rng, **options)
+        raise SimulationError(
+            f"trajectory {RECORDED!r} needs trajectory_file, a CSV file with columns t, left, right"
+        )
     top = robot.vehicle.max_track_speed
     if command.top_speed > top * (1.0 + ROUNDING):
-        speed_options = {"speed", "turn", "factor"}
-        speeds = [option for option in trajectory_options(name) if option in speed_options]
+        speeds = [key for key in trajectory_options(name) if key in ("speed", "turn", "factor")]
         raise SimulationError(
             f"trajectory {name!r} reaches {command.top_speed:.3g} m/s, more than max_track_speed = "
             f"{top!r} m/s of {robot.name!r}; raise that, or lower {' or '.join(speeds)}"
@@ -133,6 +135,6 @@ def make_trajectory(
     return command
 
 
-def _maker(name: str) -> Callable[..., Recorded | Blends | Slalom]:
+def _generator(name: str) -> Callable[..., Recorded | Blends | Slalom]:
     """Function of a known trajectory; its keyword-only arguments are the options."""
     return recorded if name == RECORDED else TRAJECTORIES[name]

@@ -64,7 +64,9 @@ class VelocityErrors(NamedTuple):
 def map_of(motion: SteadyMotion, vehicle: VehicleConstants) -> DynamicMap:
     """Make the map of stationary motions, on a grid of track speeds or at any."""
     turning = (motion.V_l != motion.V_r) & (motion.twist.w != 0.0)
-    turning_twist = PaperTwist(*(np.where(turning, part, np.nan) for part in motion.twist))
+    turning_twist = PaperTwist(
+        *(np.where(turning, component, np.nan) for component in motion.twist)
+    )
     icrs = icrs_from_twist(motion.V_l, motion.V_r, turning_twist)
     inertia = inertial_force(motion.twist, vehicle.mass, vehicle.x_CM, vehicle.y_CM)
     indices = indices_from_icrs(icrs, vehicle.gauge)
@@ -99,9 +101,7 @@ def on_spot_line(mapped: DynamicMap) -> float:
     return float(-(V_l @ V_r) / (V_r @ V_r))
 
 
-def inertia_based_twist(
-    mapped: DynamicMap, parameters: Indices, inertia: Inertia = "measured"
-) -> PaperTwist:
+def inertia_based_twist(mapped: DynamicMap, parameters: Indices, inertia: Inertia) -> PaperTwist:
     """Twists of the inertia-based kinematics at the map's track speeds.
 
     Equations (20) to (22) and (25) to (27). `inertia` is "measured" for the map's |F|, as from an IMU;
@@ -125,9 +125,8 @@ def constant_twist(mapped: DynamicMap, icrs: ConstantIcr) -> PaperTwist:
 
 def rmse(twist: PaperTwist, truth: PaperTwist, counted: Any = ...) -> PaperTwist:
     """RMSE of each velocity component, over the `counted` motions (mask)."""
-    parts = zip(twist, truth, strict=True)
-    errors = (estimated[counted] - true[counted] for estimated, true in parts)
-    return PaperTwist(*(float(np.sqrt(np.mean(error**2))) for error in errors))
+    errors = np.stack(twist) - np.stack(truth)
+    return PaperTwist(*(float(np.sqrt(np.mean(error[counted] ** 2))) for error in errors))
 
 
 def write_motions(path: Path, mapped: DynamicMap) -> None:

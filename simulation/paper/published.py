@@ -4,8 +4,9 @@ A number is stored as the printed text, which gives both its value and the numbe
 The largest steering efficiency is not printed: it is read off a figure, and listed separately.
 """
 
-from dataclasses import dataclass
 from functools import cache
+
+import msgspec
 
 from icreckon.estimator.motion.icr import PaperTwist
 from icreckon.estimator.motion.motion_model import VehicleConstants
@@ -15,8 +16,7 @@ from icreckon.estimator.robot.robot_file import PAPER_PARAMETERS, ConstantIcr, I
 ROUNDING_NOISE = 1e-9
 
 
-@dataclass(frozen=True)
-class PublishedNumber:
+class PublishedNumber(msgspec.Struct, frozen=True):
     """Number published in the paper."""
 
     name: str  # name used in tables, results and tests
@@ -36,7 +36,7 @@ class PublishedNumber:
         half = 0.5 * 10.0 ** -len(decimals)
         return abs(reproduced - self.value) <= half * (1.0 + ROUNDING_NOISE)
 
-    def difference_percent(self, reproduced: float) -> float:
+    def percent_off(self, reproduced: float) -> float:
         """Reproduced less published, as a share of the published size [%]."""
         return 100.0 * (reproduced - self.value) / abs(self.value)
 

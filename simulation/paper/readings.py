@@ -55,7 +55,7 @@ def read_means(mapped: DynamicMap, reading: Reading) -> ConstantIcr:
     """Constant ICRs of a map [m] (section II).
 
     Raises:
-        SimulationError: nothing turns, or the means are not those of a skid-steer vehicle.
+        SimulationError: nothing turns, or no skid-steer vehicle has such means.
     """
     chosen = chosen_motions(mapped, reading)
     coordinates = [coordinate[chosen] for coordinate in mapped.icrs]
@@ -78,13 +78,13 @@ def read_parameters(mapped: DynamicMap, reading: Reading, H: float | None = None
     H, the ratio of track speeds of on-spot turning, is from `on_spot_line` by default.
 
     Raises:
-        SimulationError: too few motions, or a fit that is not that of a skid-steer vehicle.
+        SimulationError: too few motions, or no skid-steer vehicle has the fitted parameters.
     """
     chosen = chosen_motions(mapped, reading)
     H = on_spot_line(mapped) if H is None else H
     x_1, x_2 = symmetry_coordinates(mapped.motion.V_l[chosen], mapped.motion.V_r[chosen], H)
     force = mapped.magnitude[chosen]
-    zeta, epsilon, eta = (part[chosen] for part in mapped.indices)
+    zeta, epsilon, eta = (grid_values[chosen] for grid_values in mapped.indices)
     ones, signed_force = np.ones_like(force), force * np.sign(x_1) * np.sign(x_2)
     weight = mapped.motion.twist.w[chosen] ** 2 if reading.fit == "velocity" else ones
     fit = _absolute if reading.fit == "absolute" else _weighted

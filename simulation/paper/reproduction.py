@@ -4,7 +4,7 @@ Also Table II of the published parameters themselves, and a check that shows tha
 numbers contradict each other.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import msgspec
@@ -21,6 +21,7 @@ from icreckon.simulation.paper.published import (
     AURIGA_ALPHA,
     PUBLISHED,
     READ_OFF,
+    PublishedNumber,
     published_mean_icrs,
     published_parameters,
 )
@@ -29,18 +30,13 @@ from icreckon.simulation.paper.readings import Reading, read_errors, read_means,
 INERTIAS: tuple[Inertia, ...] = ("measured", "literal", "smooth")
 
 
-class Row(msgspec.Struct, frozen=True, kw_only=True):
+class Row(PublishedNumber, frozen=True, kw_only=True):
     """Published number and its reproduction."""
 
-    name: str  # name of the number, see `icreckon.simulation.paper.published`
-    unit: str  # SI unit, "" for none
     published: float  # the number as printed [unit]
     reproduced: float  # the reproduced number [unit]
     difference_percent: float  # reproduced less published, as a share of the published size [%]
     rounds_to_published: bool  # True if the reproduced number rounds to the published digits
-    printed: str  # the published digits
-    where: str  # the place in the paper
-    read_off: bool  # True if it was read off a figure
 
 
 @dataclass(frozen=True)
@@ -119,10 +115,10 @@ def reproduce(guess: PaperContact) -> Reproduction:
     values, icrs, parameters, errors = numbers(mapped, guess.reading)
     rows = tuple(
         Row(
-            **asdict(number),
+            **msgspec.structs.asdict(number),
             published=number.value,
             reproduced=values[number.name],
-            difference_percent=number.difference_percent(values[number.name]),
+            difference_percent=number.percent_off(values[number.name]),
             rounds_to_published=number.rounds_from(values[number.name]),
         )
         for number in (*PUBLISHED, *READ_OFF)
@@ -140,8 +136,11 @@ def table_2_with_published_parameters(
 ) -> dict[Inertia, VelocityErrors]:
     """Table II of a map with the paper's numbers instead of fits, by `INERTIAS`."""
     parameters, icrs = published_parameters(), published_mean_icrs()
-    readings = {key: msgspec.structs.replace(reading, inertia=key) for key in INERTIAS}
-    return {key: read_errors(mapped, parameters, icrs, each) for key, each in readings.items()}
+    errors = {}
+    for inertia in INERTIAS:
+        own_reading = msgspec.structs.replace(reading, inertia=inertia)
+        errors[inertia] = read_errors(mapped, parameters, icrs, own_reading)
+    return errors
 
 
 def map_of_published_model() -> DynamicMap:
@@ -149,8 +148,9 @@ def map_of_published_model() -> DynamicMap:
     V_l, V_r = track_speed_grid()
     parameters = published_parameters().as_array()
     twist = solve(V_l, V_r, parameters, AURIGA_ALPHA, form="literal").twist
-    residual, yes, no = np.zeros_like(V_l), np.full(V_l.shape, True), np.full(V_l.shape, False)
-    motion = SteadyMotion(V_l, V_r, PaperTwist(*twist), residual, converged=yes, tipping=no)
+    residual = np.zeros_like(V_l)
+    is_solved, tips = residual == 0.0, residual > 0.0
+    motion = SteadyMotion(V_l, V_r, PaperTwist(*twist), residual, is_solved, tips)
     return map_of(motion, AURIGA_ALPHA)
 
 

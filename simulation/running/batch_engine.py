@@ -70,30 +70,29 @@ def block(cell: Cell, filters: Sequence[Filter], first_run: int, count: int) -> 
         BatchFilter(spec.robot, find_variant(spec.variant), spec.settings) for spec in filters
     ]
     track_stamps, truth_stamps, steps, segments = _schedule(cell)
-    width = batch_filters[0].width  # lanes, as many for each filter
-    slowest = min(spec.robot.vehicle.max_track_speed for spec in filters)
-    for begin in range(0, count, width):
-        used_lanes = min(width, count - begin)
+    lanes = batch_filters[0].width  # as many for each filter
+    lowest_top_speed = min(spec.robot.vehicle.max_track_speed for spec in filters)
+    for begin in range(0, count, lanes):
+        used_lanes = min(lanes, count - begin)
         # The lanes of a group that is not full repeat its last run.
-        runs = [first_run + begin + min(lane, used_lanes - 1) for lane in range(width)]
+        runs = [first_run + begin + min(lane, used_lanes - 1) for lane in range(lanes)]
         logs = [study_streaming.study_log(cell, run) for run in runs]
-        absurd = [lane for lane in range(used_lanes) if has_absurd_readings(logs[lane], slowest)]
         measured, start = _measured(logs, filters, track_stamps), np.zeros(3)
         results = work_through_runs(batch_filters, measured, steps, start=start, start_sigma=start)
-        of_lanes = zip(*map(true_ticks, logs), strict=True)
-        ticks = TrueTicks(*(np.stack(arrays, axis=1) for arrays in of_lanes))
+        truths = zip(*map(true_ticks, logs), strict=True)
+        truth = TrueTicks(*(np.stack(by_lane, axis=1) for by_lane in truths))
         group = slice(begin, begin + used_lanes)
         for place, (batch_filter, result) in enumerate(zip(batch_filters, results, strict=True)):
             path = side_by_side(truth_stamps, result)
-            errors = path_statistics(path, ticks, segments)
-            rows = np.stack([*errors, *_consistency(batch_filter, result)], axis=-1)
-            scores.values[place, group] = rows[:used_lanes]
+            columns = path_statistics(path, truth, segments) + _consistency(batch_filter, result)
+            scores.values[place, group] = np.stack(columns, axis=-1)[:used_lanes]
             scores.reasons[place, group] = _losses(path, times)[:used_lanes]
-        for lane in absurd:
+        for lane in range(used_lanes):
             # A run that the streaming filter rejects must not take the other lanes with it.
-            repeated = study_streaming.block(cell, filters, runs[lane], 1)
-            scores.values[:, begin + lane] = repeated.values[:, 0]
-            scores.reasons[:, begin + lane] = repeated.reasons[:, 0]
+            if has_absurd_readings(logs[lane], lowest_top_speed):
+                repeated = study_streaming.block(cell, filters, runs[lane], 1)
+                scores.values[:, begin + lane] = repeated.values[:, 0]
+                scores.reasons[:, begin + lane] = repeated.reasons[:, 0]
     return scores
 
 
@@ -118,14 +117,10 @@ def _schedule(cell: Cell) -> tuple[Stamps, Stamps, Steps, list[Segments]]:
 
 def _measured(logs: Sequence[Log], filters: Sequence[Filter], tracks: Stamps) -> list[Measured]:
     """Inputs of each filter; filters with the same model of the IMU share one object."""
-    by_imu: dict[bytes, Measured] = {}
-    of_filters = []
-    for spec in filters:
-        key = msgpack.encode(spec.robot.imu)
-        if key not in by_imu:
-            by_imu[key] = measured_of(logs, spec.robot, tracks)
-        of_filters.append(by_imu[key])
-    return of_filters
+    keys = [msgpack.encode(spec.robot.imu) for spec in filters]
+    robots = {key: spec.robot for key, spec in zip(keys, filters, strict=True)}
+    by_imu = {key: measured_of(logs, robot, tracks) for key, robot in robots.items()}
+    return [by_imu[key] for key in keys]
 
 
 def _losses(path: Trajectory, times: Floats) -> list[str]:

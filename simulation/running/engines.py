@@ -21,9 +21,9 @@ ROOM = "icreckon.simulation.running"
 Block = Callable[[Cell, Sequence[Filter], int, int], RunScores]
 """Function that computes a block: cell, filters, first run and number of runs -> `RunScores`.
 
-It is pure, so that it may run anywhere, and again. Random numbers are those of
-`icreckon.simulation.base.random_streams` by the study's seed and the run's index, those of drive and
-truth by the index modulo `cell.truths`. So cells and filters are paired, run by run.
+It is pure: it may run on any worker, and be repeated. Random streams derive from the study's seed and the
+run's index (`icreckon.simulation.base.random_streams`); trajectory and truth take the index modulo
+`cell.truths`. So cells and filters are paired, run by run.
 """
 
 

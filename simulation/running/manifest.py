@@ -55,26 +55,24 @@ def digest(plan: Plan, engine: Engine) -> str:
 
     Their number, names for people, and the baseline of comparisons do not count.
     """
-    files = {Path(file) for cell in plan.cells if (file := cell.scenario.trajectory_file)}
-    content = {
+    cells = [json_types(cell) for cell in plan.cells]
+    recordings = {}
+    for cell, data in zip(plan.cells, cells, strict=True):
+        del data["index"], data["values"]  # places in the sweep
+        if cell.scenario.trajectory_file:
+            file = Path(cell.scenario.trajectory_file)
+            content = hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else "missing"
+            recordings[str(file)] = content
+    identity = {
         "format": FORMAT,
         "engine": engine.name,
         "block_runs": engine.block_runs,
         "statistics": [statistic.name for statistic in statistics(plan.study.horizons)],
         "versions": computing_versions(),
-        # Without the cells' places in the sweep.
-        "cells": [
-            {key: part for key, part in json_types(cell).items() if key not in ("index", "values")}
-            for cell in plan.cells
-        ],
-        "recordings": {
-            str(file): hashlib.sha256(file.read_bytes()).hexdigest()
-            if file.is_file()
-            else "missing"
-            for file in files
-        },
+        "cells": cells,
+        "recordings": recordings,
     }
-    text = json.dumps(content, sort_keys=True)
+    text = json.dumps(identity, sort_keys=True)
     return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
 
 
@@ -99,5 +97,6 @@ def as_json(data: Any) -> str:
 
 
 def _short(value: Any) -> str:
+    """JSON of a value, at most 60 characters of it."""
     text = json.dumps(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact.of_robot import robot_remarks
 from icreckon.simulation.running.engines import ENGINES, choose_engine
 from icreckon.simulation.running.manifest import as_json, manifest
-from icreckon.simulation.running.runner import Report, Runner
+from icreckon.simulation.running.runner import Report, run_jobs
 from icreckon.simulation.running.store import (
     RESULTS,
     BlockStore,
@@ -22,7 +21,6 @@ from icreckon.simulation.running.store import (
     open_store,
     write_files,
 )
-from icreckon.simulation.running.workers import opened
 from icreckon.simulation.study.cells import Plan, expand
 from icreckon.simulation.study.plan import Study
 from icreckon.simulation.study.results import Results, Runs, cell_summaries, study_results
@@ -67,12 +65,10 @@ def run_study(
         for warning in robot_remarks(first.robot, first.scenario.truth):
             remark(warning)
     identity = manifest(plan, chosen)
-    shape = (len(plan.labels), len(statistics(study.horizons)))
-    store = open_store(Path(folder), identity, shape, overwrite=overwrite)
+    store = open_store(Path(folder), identity, overwrite=overwrite)
     jobs = jobs_of(plan, chosen.block_runs)
     count = workers or os.cpu_count() or 1
-    open_workers = partial(opened, count, executor, threads=chosen.threads)
-    Runner(plan, chosen, jobs, store, report).run(open_workers, count)
+    run_jobs(plan, chosen, jobs, store, workers=count, executor=executor, report=report)
     from icreckon.simulation.study.tables import results_parquet, runs_parquet
 
     gathered = _gathered(plan, jobs, store)
@@ -98,6 +94,6 @@ def _gathered(plan: Plan, jobs: Sequence[Job], store: BlockStore) -> Runs:
             raise SimulationError(
                 f"{store.path(job)}: has been removed meanwhile; give the same command again"
             )
-        of_block = slice(job.first_run, job.first_run + job.count)
-        values[:, job.cell, of_block], reasons[:, job.cell, of_block] = block
+        runs = slice(job.first_run, job.first_run + job.count)
+        values[:, job.cell, runs], reasons[:, job.cell, runs] = block
     return Runs(plan, values, reasons)

@@ -1,25 +1,32 @@
-"""Job queue of a study: blocks are submitted, stored, and submitted again if lost."""
+"""Job queue of a study: blocks are submitted to workers, and their results stored."""
 
-from collections import Counter, deque
-from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
-from contextlib import suppress
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import IcreckonError
+from icreckon.estimator.base.worker_processes import worker_processes
 from icreckon.estimator.streaming.lost import described
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.engines import Block, Engine
 from icreckon.simulation.running.manifest import computing_versions
 from icreckon.simulation.running.store import BlockStore, Job, Reasons
-from icreckon.simulation.running.workers import AHEAD, OpenWorkers
 from icreckon.simulation.study.cells import Cell, Plan
 from icreckon.simulation.study.failures import RunScores, exclude_failed, unscored
 
-MOST_TRIES = 4  # A block is not tried again after this many workers have died in it
+BLOCKS_PER_WORKER = 2  # blocks queued: no worker is ever idle, and little is lost if one dies
 POLL_SECONDS = 0.5  # longest wait for blocks between checks for signals [s]
 
 
@@ -64,7 +71,7 @@ def _run_by_run(block: Block, cell: Cell, first_run: int, count: int) -> RunScor
     scores = unscored(len(cell.filters), count, cell.horizons)
     for place, row in np.ndindex(scores.reasons.shape):
         try:
-            of_one = block(cell, [cell.filters[place]], first_run + row, 1)
+            single = block(cell, [cell.filters[place]], first_run + row, 1)
         except MemoryError:
             raise
         except IcreckonError as problem:
@@ -72,105 +79,105 @@ def _run_by_run(block: Block, cell: Cell, first_run: int, count: int) -> RunScor
         except Exception as problem:
             scores.reasons[place, row] = described(problem)
         else:
-            scores.values[place, row] = of_one.values[0, 0]
-            scores.reasons[place, row] = of_one.reasons[0, 0]
+            scores.values[place, row] = single.values[0, 0]
+            scores.reasons[place, row] = single.reasons[0, 0]
     return scores
 
 
-class Runner:
-    """Runner of a study: computes all blocks (jobs) that the store does not have.
+@contextmanager
+def _worker_threads(count: int) -> Iterator[Executor]:
+    """Open threads; if the block raises an error, do not wait for them."""
+    pool = ThreadPoolExecutor(count)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
 
-    `report` is called at the start and after each block.
+
+def run_jobs(
+    plan: Plan,
+    engine: Engine,
+    jobs: Sequence[Job],
+    store: BlockStore,
+    *,
+    workers: int,
+    executor: Executor | None = None,
+    report: Report | None = None,
+) -> None:
+    """Compute all blocks (jobs) that the store does not have.
+
+    They run on the executor, or else on threads or processes. `report` is called at the start and after
+    each block.
+
+    Raises:
+        SimulationError: a block fails, or a worker dies; finished blocks are kept.
     """
-
-    def __init__(
-        self,
-        plan: Plan,
-        engine: Engine,
-        jobs: Sequence[Job],
-        store: BlockStore,
-        report: Report | None,
-    ) -> None:
-        self._plan, self._engine, self._store = plan, engine, store
-        self._report = report or (lambda _: None)
-        self._waiting = deque(job for job in jobs if store.read(job) is None)
-        found, left = len(jobs) - len(self._waiting), sum(map(self._runs_of, self._waiting))
-        self._progress = Progress(found, len(jobs), found, runs=0, runs_left=left)
-        self._lost: Counter[Job] = Counter()
-
-    def run(self, open_workers: OpenWorkers, count: int) -> None:
-        """Run until all blocks are finished; `count` workers that died are opened again.
-
-        Raises:
-            SimulationError: a block fails, or its workers die repeatedly.
-        """
-        self._report(self._progress)
-        while self._waiting:
-            # If workers die, all submitted blocks are queued again; the next workers are new.
-            with open_workers() as workers, suppress(BrokenExecutor):
-                self._work_through(workers.submit, AHEAD * count)
-
-    def _work_through(self, submit: Callable[..., Future[Worked]], most: int) -> None:
-        """Settle all blocks, `most` at once; if workers die, queue theirs again and raise."""
-        futures: dict[Future[Worked], Job] = {}
+    report = report or (lambda _: None)
+    waiting = deque(job for job in jobs if store.read(job) is None)
+    filters, finished = len(plan.labels), len(jobs) - len(waiting)
+    runs_left = filters * sum(job.count for job in waiting)
+    progress = Progress(finished, len(jobs), finished, runs=0, runs_left=runs_left)
+    report(progress)
+    if not waiting:
+        return
+    futures: dict[Future[Worked], Job] = {}
+    with _opened(workers, executor, threads=engine.threads) as pool:
         try:
-            while self._waiting or futures:
-                while self._waiting and len(futures) < most:
-                    job = self._waiting[0]
-                    block = (self._plan.cells[job.cell], job.first_run, job.count)
-                    futures[submit(work, self._engine, *block)] = job
-                    self._waiting.popleft()  # only now: `submit` raises if the workers have died
+            while waiting or futures:
+                while waiting and len(futures) < BLOCKS_PER_WORKER * workers:
+                    job = waiting.popleft()
+                    cell = plan.cells[job.cell]
+                    futures[pool.submit(work, engine, cell, job.first_run, job.count)] = job
                 done, _ = wait(futures, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
                 for future in done:
-                    self._settle(future, futures.pop(future))
+                    job = futures.pop(future)
+                    values, reasons = _result(future, plan.cells[job.cell], job)
+                    store.write(job, values, reasons)
+                    runs = filters * job.count
+                    progress = replace(
+                        progress,
+                        blocks=progress.blocks + 1,
+                        runs=progress.runs + runs,
+                        runs_left=progress.runs_left - runs,
+                    )
+                    report(progress)
         except BrokenExecutor as problem:
-            for job in futures.values():
-                self._lose(job, problem)
-            raise
+            raise SimulationError(
+                f"a worker died (out of memory?): {problem}; finished blocks are kept: give the same "
+                "command again, with fewer workers"
+            ) from problem
         except BaseException:
             for future in futures:
                 future.cancel()
             raise
 
-    def _settle(self, future: Future[Worked], job: Job) -> None:
-        """Store the result of a block, or queue it again if its worker has died."""
-        try:
-            values, reasons, versions = future.result()
-        except (BrokenExecutor, CancelledError) as problem:
-            self._lose(job, problem)
-            if isinstance(problem, BrokenExecutor):
-                raise
-            return
-        except Exception as problem:
-            text = f"{self._named(job)}: {type(problem).__name__}: {problem}"
-            raise SimulationError(text) from problem
-        if versions != computing_versions():
-            raise SimulationError(
-                f"a worker computes with {versions}, and this command with {computing_versions()}: "
-                "results would be a mixture; give all workers the same versions"
-            )
-        self._store.write(job, values, reasons)
-        done, runs = self._progress, self._runs_of(job)
-        self._progress = replace(
-            done, blocks=done.blocks + 1, runs=done.runs + runs, runs_left=done.runs_left - runs
+
+def _opened(
+    workers: int, executor: Executor | None, *, threads: bool
+) -> AbstractContextManager[Executor]:
+    """Executor of the caller, who closes it, or else threads or processes."""
+    if executor is not None:
+        return nullcontext(executor)
+    return _worker_threads(workers) if threads else worker_processes(workers)
+
+
+def _result(future: Future[Worked], cell: Cell, job: Job) -> tuple[Floats, Reasons]:
+    """Statistics and reasons of a block; a SimulationError if it failed."""
+    try:
+        values, reasons, versions = future.result()
+    except BrokenExecutor:
+        raise
+    except Exception as problem:
+        changes = ", ".join(f"{key} = {value}" for key, value in cell.values.items())
+        where = f" ({changes})" if changes else ""
+        raise SimulationError(
+            f"cell {cell.index}{where}, runs from {job.first_run} on: {type(problem).__name__}: {problem}"
+        ) from problem
+    if versions != computing_versions():
+        raise SimulationError(
+            f"a worker computes with {versions}, and this command with {computing_versions()}: "
+            "results would be a mixture; give all workers the same versions"
         )
-        self._report(self._progress)
-
-    def _lose(self, job: Job, problem: BaseException) -> None:
-        """Queue a block again whose worker has died."""
-        self._lost[job] += 1
-        if self._lost[job] >= MOST_TRIES:
-            raise SimulationError(
-                f"{self._named(job)}: its worker died {MOST_TRIES} times (out of memory?); the last "
-                f"time: {type(problem).__name__}: {problem}"
-            ) from problem
-        self._waiting.appendleft(job)
-
-    def _named(self, job: Job) -> str:
-        cell = self._plan.cells[job.cell]
-        values = ", ".join(f"{key} = {value}" for key, value in cell.values.items())
-        where = f" ({values})" if values else ""
-        return f"cell {job.cell}{where}, runs from {job.first_run} on"
-
-    def _runs_of(self, job: Job) -> int:
-        return job.count * len(self._plan.labels)
+    return values, reasons

@@ -23,7 +23,7 @@ RESULTS = "results.json"
 # Errors of reading a file with any byte changed.
 UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile)
 FILES = "files"  # key of the manifest with the names of written files, for `--overwrite`
-# Most differences that a message lists; those of `UNLISTED` follow from others, or are harmless.
+# Most differences that a message lists; differences in `UNLISTED` follow from others or are harmless.
 MOST_LISTED = 4
 UNLISTED = ("cells:", "axes:", "name:", "configuration.name:", "runs:", "configuration.runs:")
 Reasons = NDArray[np.str_]  # of failed runs, by filter and run; empty for the others
@@ -49,10 +49,10 @@ def jobs_of(plan: Plan, block_runs: int) -> list[Job]:
 
 
 class BlockStore:
-    """Store of the blocks of a study; `shape` is (filters, statistics)."""
+    """Store of the blocks of a study; blocks of another digest do not count."""
 
-    def __init__(self, folder: Path, digest: str, shape: tuple[int, int]) -> None:
-        self.folder, self._digest, self._shape = folder, digest, shape
+    def __init__(self, folder: Path, digest: str) -> None:
+        self.folder, self._digest = folder, digest
 
     def path(self, job: Job) -> Path:
         """File of a block."""
@@ -70,13 +70,9 @@ class BlockStore:
                 reasons = np.array(data["reasons"])
         except UNREADABLE:
             return None
-        if values.ndim != 3 or reasons.ndim != 2:
+        if digest != self._digest or values.shape[1] < job.count:
             return None
-        filters, count = self._shape
-        values, reasons = values[:, : job.count], reasons[:, : job.count]
-        fits = values.shape == (filters, job.count, count) and values.dtype == np.float64
-        fits &= reasons.shape == values.shape[:2] and reasons.dtype.kind == "U"
-        return (values, reasons) if fits and digest == self._digest else None
+        return values[:, : job.count], reasons[:, : job.count]
 
     def write(self, job: Job, values: Floats, reasons: Reasons) -> None:
         """Write a block, as from `read`; SimulationError if it cannot be written."""
@@ -89,12 +85,10 @@ class BlockStore:
             raise SimulationError(f"{path}: cannot be written: {problem.strerror}") from None
 
 
-def open_store(
-    folder: Path, manifest: dict[str, Any], shape: tuple[int, int], *, overwrite: bool
-) -> BlockStore:
+def open_store(folder: Path, manifest: dict[str, Any], *, overwrite: bool) -> BlockStore:
     """Open the folder of a study, new or to be continued, and write its manifest.
 
-    `shape` is the number of filters and of statistics; `overwrite` deletes another study.
+    `overwrite` deletes another study.
 
     Raises:
         SimulationError: the folder has other content, or cannot be written.
@@ -103,18 +97,20 @@ def open_store(
         folder.parent.mkdir(parents=True, exist_ok=True)
         # Two commands may begin the same study at once.
         with alone_in(folder.parent):
-            other = _read_manifest(folder)
-            if overwrite and other is not None and other["digest"] != manifest["digest"]:
+            old = _read_manifest(folder)
+            files = _written_files(old)
+            if overwrite and old is not None and old["digest"] != manifest["digest"]:
                 shutil.rmtree(folder / BLOCKS, ignore_errors=True)
-                for name in _written_files(other):
+                for name in files:
                     (folder / name).unlink(missing_ok=True)
-                _write_manifest(folder, manifest, [])
-            _refuse_others(folder, manifest)
+                files = []
+            else:
+                _refuse_others(folder, old, manifest)
             (folder / BLOCKS).mkdir(parents=True, exist_ok=True)
-            _write_manifest(folder, manifest, _written_files(_read_manifest(folder)))
+            _write_manifest(folder, manifest, files)
     except OSError as problem:
         raise SimulationError(f"{folder}: cannot be written: {problem.strerror}") from None
-    return BlockStore(folder, manifest["digest"], shape)
+    return BlockStore(folder, manifest["digest"])
 
 
 def write_files(folder: Path, files: dict[str, bytes]) -> None:
@@ -132,20 +128,19 @@ def write_files(folder: Path, files: dict[str, bytes]) -> None:
         raise SimulationError(f"{folder}: cannot be written: {problem.strerror}") from None
 
 
-def _refuse_others(folder: Path, manifest: dict[str, Any]) -> None:
-    """Raise an error if a folder has other content than this study."""
+def _refuse_others(folder: Path, old: dict[str, Any] | None, manifest: dict[str, Any]) -> None:
+    """Raise an error if a folder, with its old manifest, holds another study or files."""
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return
-    manifest_there = _read_manifest(folder)
-    if manifest_there is None:
-        found = "a damaged manifest" if (folder / BLOCKS).is_dir() else "no study of icreckon"
+    if old is None:
+        old_content = "a damaged manifest" if (folder / BLOCKS).is_dir() else "no study of icreckon"
         raise SimulationError(
-            f"{folder} is there, and holds {found}; it is left alone, give another --out"
+            f"{folder} is there, and holds {old_content}; it is left alone, give another --out"
         )
-    if manifest_there.get("digest") == manifest["digest"]:
+    if old["digest"] == manifest["digest"]:
         return
-    manifest_there.pop(FILES, None)
-    all_changes = differences(manifest_there, json.loads(as_json(manifest)))
+    old.pop(FILES, None)
+    all_changes = differences(old, json.loads(as_json(manifest)))
     changed = [change for change in all_changes if not change.startswith(UNLISTED)]
     listed = "; ".join(changed[:MOST_LISTED]) or "content of the robot or recording"
     unlisted = f"; and {len(changed) - MOST_LISTED} more" if len(changed) > MOST_LISTED else ""
@@ -161,9 +156,8 @@ def _write_manifest(folder: Path, manifest: dict[str, Any], files: list[str]) ->
 
 def _written_files(manifest: dict[str, Any] | None) -> list[str]:
     """Names of the files that a manifest lists; those in other folders are ignored."""
-    listed = (manifest or {}).get(FILES)
-    names = listed if isinstance(listed, list) else []
-    return [name for name in names if isinstance(name, str) and name == Path(name).name]
+    names = (manifest or {}).get(FILES, [])
+    return [name for name in names if name == Path(str(name)).name]
 
 
 def _read_manifest(folder: Path) -> dict[str, Any] | None:

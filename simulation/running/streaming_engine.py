@@ -4,7 +4,6 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from itertools import chain
 
 import msgspec
 import numpy as np
@@ -24,7 +23,13 @@ from icreckon.simulation.base.random_streams import random_streams
 from icreckon.simulation.base.sampling import to_stamps
 from icreckon.simulation.scenario import Scenario, errors_of
 from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import Perfect, drive, measured, perfect, truth_of
+from icreckon.simulation.simulate import (
+    PerfectReadings,
+    log_with_errors,
+    perfect_readings,
+    simulate_motion,
+    truth_of,
+)
 from icreckon.simulation.study.cells import Cell, Filter
 from icreckon.simulation.study.failures import RunScores, unscored
 from icreckon.simulation.study.statistics import run_statistics, score_times
@@ -63,24 +68,30 @@ def _run(log: Log, chosen: Filter, times: Floats) -> Run:
     stamps_left = deque(to_stamps(times).tolist())
     rows, count = Rows(len(stamps_left)), 0
 
+    def store_rows(before: int) -> None:
+        """Store the estimate at all times before a stamp."""
+        nonlocal count
+        while stamps_left and stamps_left[0] < before:
+            if stamps_left.popleft() == estimator.stamp:
+                rows.put(count, estimator.snapshot())
+                count += 1
+
     def run_so_far() -> Run:
         names = state_names(estimator.variant)
         return rows.finish(count, estimator.variant.name, names, estimator.health)
 
-    # None, after the last measurement, releases the rows of the last stamp.
-    for measurement in chain(log.measurements(), [None]):
-        try:
-            while stamps_left and (measurement is None or measurement.stamp > stamps_left[0]):
-                if stamps_left.popleft() == estimator.stamp:
-                    rows.put(count, estimator.snapshot())
-                    count += 1
-            if measurement is not None:
-                estimator.feed(measurement)
-        except IcreckonError:
-            raise
-        except Exception as problem:
-            stamp = log.end if measurement is None else measurement.stamp
-            raise stopped_by(problem, run_so_far(), log.start, stamp) from problem
+    stamp = log.start
+    try:
+        for measurement in log.measurements():
+            stamp = measurement.stamp
+            store_rows(before=stamp)
+            estimator.feed(measurement)
+        stamp = log.end
+        store_rows(before=stamp + 1)
+    except IcreckonError:
+        raise
+    except Exception as problem:
+        raise stopped_by(problem, run_so_far(), log.start, stamp) from problem
     run = run_so_far()
     lost = loss_of(run, log.start)
     if lost is not None:
@@ -99,20 +110,20 @@ def study_log(cell: Cell, run_index: int) -> Log:
     # Reduced to the keys that affect error-free readings, and encoded: they are the key of the cache.
     defaults = {key: getattr(Scenario(), key) for key in SENSED}
     # The latency decides which poses the fixes measure.
-    latency = errors_of(scenario, robot).fixes.latency
-    driven = msgspec.structs.replace(scenario, **defaults, fixes=FixSpec(latency=latency))
-    true = _true_run(msgpack.encode(driven), msgpack.encode(robot), run_index % cell.truths)
-    log, _ = measured(*true, scenario, robot, run_index)
+    fixes = FixSpec(latency=errors_of(scenario, robot).fixes.latency)
+    driven = msgspec.structs.replace(scenario, **defaults, fixes=fixes)
+    encoded_scenario, encoded_robot = msgpack.encode(driven), msgpack.encode(robot)
+    perfect, truth = _true_run(encoded_scenario, encoded_robot, run_index % cell.truths)
+    log, _ = log_with_errors(perfect, truth, scenario, robot, run_index)
     return log
 
 
 @lru_cache(KEPT_TRUTHS)
-def _true_run(scenario_data: bytes, robot_data: bytes, truth_index: int) -> tuple[Perfect, Truth]:
-    """Drive a true motion, by its index, of an encoded scenario and robot.
-
-    Returns error-free readings, and the truth to score against, at `score_times`.
-    """
-    scenario = msgpack.decode(scenario_data, type=Scenario)
-    robot = msgpack.decode(robot_data, type=Robot)
-    motion = drive(scenario, robot, random_streams(scenario.seed, truth_index))
-    return perfect(motion, scenario, robot), truth_of(motion, score_times(scenario))
+def _true_run(
+    encoded_scenario: bytes, encoded_robot: bytes, truth_index: int
+) -> tuple[PerfectReadings, Truth]:
+    """Simulate a true motion: error-free readings, and the truth at `score_times`."""
+    scenario = msgpack.decode(encoded_scenario, type=Scenario)
+    robot = msgpack.decode(encoded_robot, type=Robot)
+    motion = simulate_motion(scenario, robot, random_streams(scenario.seed, truth_index))
+    return perfect_readings(motion, scenario, robot), truth_of(motion, score_times(scenario))

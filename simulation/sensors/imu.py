@@ -73,7 +73,7 @@ class Imu:
     accelerometer_bias: Floats  # (n, 3) in the IMU's axes [m/s²]
 
 
-def perfect_readings(
+def perfect_imu(
     motion: TrueMotion, times: Floats, rate: float, robot: Robot
 ) -> tuple[Floats, Floats]:
     """IMU readings without errors, for its place and mounting in the robot file.
@@ -104,14 +104,14 @@ def with_inertial_errors(
 ) -> Imu:
     """Add IMU errors to error-free readings; x and y of "z" gyros become zero.
 
-    The `perfect` readings are those of `perfect_readings`, at `times` (n,) [s], with a `rate` in Hz. Gyro
+    The `perfect` readings are those of `perfect_imu`, at `times` (n,) [s], with a `rate` in Hz. Gyro
     and accelerometer have a generator each, which draws their errors.
     """
     rates, forces = perfect
     # The bias of the robot file is about the vertical of base_link.
     usual_bias = robot.imu.gyro_bias * robot.imu_rotation[2]
-    angular_velocity, gyro_bias = _read(rates, rate, gyro, gyro_rng, usual_bias)
-    force, force_bias = _read(forces, rate, accelerometer, accelerometer_rng, np.zeros(3))
+    angular_velocity, gyro_bias = _with_errors(rates, rate, gyro, gyro_rng, usual_bias)
+    force, force_bias = _with_errors(forces, rate, accelerometer, accelerometer_rng, np.zeros(3))
     if robot.imu.gyro_axes == "z":
         angular_velocity[:, :2] = 0.0
     return Imu(ImuSeries(to_stamps(times), angular_velocity, force), gyro_bias, force_bias)
@@ -120,10 +120,10 @@ def with_inertial_errors(
 def angular_velocities(motion: TrueMotion, times: Floats, window: float) -> Floats:
     """Angular velocity (n, 3) of base_link in its own axes [rad/s], at times (n,) [s].
 
-    It is averaged over an interval, the `window` [s] about each time. About z it is that of the true
-    motion. About x and y it is the rotation of the ground under the robot, which turns gravity G in axes
-    that follow the body but not its turns about z: dG_x/dt = -G_z omega_y and dG_y/dt = G_z omega_x. On
-    a plane G is constant, however the robot turns on it.
+    It is averaged over an interval, the `window` [s] about each time. About z it is the true yaw rate.
+    About x and y it is the rotation of the ground under the robot, which turns gravity G in axes that
+    follow the body but not its turns about z: dG_x/dt = -G_z omega_y and dG_y/dt = G_z omega_x. On a
+    plane G is constant, however the robot turns on it.
     """
     start, end = motion.window(times, window)
     w = (motion.turns_at(end) - motion.turns_at(start)) / (end - start)
@@ -156,7 +156,8 @@ def specific_forces(
     gravity = np.array([0.0, 0.0, -GRAVITY])
     if motion.gravity is not None:
         start, end = motion.window(times, window)
-        before, after = (angular_velocities(motion, at, window) for at in (start, end))
+        before = angular_velocities(motion, start, window)
+        after = angular_velocities(motion, end, window)
         omega_rate[:, :2] = (after - before)[:, :2] / (end - start)[:, None]
         gravity = _unturned_gravity(motion, motion.gravity, times)
         gravity[:, :2] = rotate(gravity[:, :2], -motion.turns_at(times))
@@ -174,14 +175,17 @@ def _unturned_gravity(motion: TrueMotion, gravity: Floats, times: Floats) -> Flo
     return np.stack([np.interp(times, grid, column) for column in unturned.T], axis=-1)
 
 
-def _read(
+def _with_errors(
     true: Floats, rate: float, errors: InertialErrors, rng: Generator, usual_bias: Floats
 ) -> tuple[Floats, Floats]:
-    """Readings (n, 3) of true values (n, 3) in the sensor's axes, and bias [unit]."""
+    """Readings (n, 3) of true values (n, 3) in the sensor's axes, and bias [unit].
+
+    Samples have a `rate` [Hz]; the turn-on bias is drawn about the usual one (3,).
+    """
     constants, instabilities = rng.spawn(2)
     count = len(true)
     turn_on_bias = usual_bias + errors.bias_sigma * rng.standard_normal(3)
-    draws = rng.standard_normal((count, 2, 3))  # of white noise and of the walk
+    white_draws, walk_draws = np.moveaxis(rng.standard_normal((count, 2, 3)), 1, 0)
     bias = np.zeros((count, 3))
     if errors.bias_instability > 0.0:
         unit = gauss_markov(count, 1.0 / rate, errors.bias_instability_time, instabilities)
@@ -189,10 +193,10 @@ def _read(
     scale = 1.0 + errors.scale_sigma * constants.standard_normal(3)
     misalignment = errors.misalignment_sigma * constants.standard_normal((3, 3))
     triad = np.where(np.eye(3, dtype=bool), np.diag(scale), misalignment)
-    white, walk = errors.noise_density * np.sqrt(rate), errors.bias_walk / np.sqrt(rate)
-    bias += np.cumsum(np.vstack([turn_on_bias, walk * draws[1:, 1]]), axis=0)
-    reading = white * draws[:, 0] + bias
+    walk_steps = errors.bias_walk / np.sqrt(rate) * walk_draws[1:]
+    bias += np.cumsum(np.vstack([turn_on_bias, walk_steps]), axis=0)
+    reading = errors.noise_density * np.sqrt(rate) * white_draws + bias
     # T u, column by column: a matrix product would sum in another order, and so round differently.
-    for column, of_axis in zip(triad.T, true.T, strict=True):
-        reading += of_axis[:, None] * column
+    for column, true_axis in zip(triad.T, true.T, strict=True):
+        reading += true_axis[:, None] * column
     return np.clip(reading, -errors.range, errors.range), bias

@@ -111,10 +111,10 @@ class SensorErrors(NamedTuple):
 
 def _grade(gyro: tuple[float, ...], accelerometer: tuple[float, ...]) -> SensorSpecs:
     """IMU of a grade: its parameters in the order of `GRADED`."""
-    of_gyro, of_accelerometer = (
-        InertialSpec(**dict(zip(GRADED, values, strict=True))) for values in (gyro, accelerometer)
+    return SensorSpecs(
+        gyro=InertialSpec(**dict(zip(GRADED, gyro, strict=True))),
+        accelerometer=InertialSpec(**dict(zip(GRADED, accelerometer, strict=True))),
     )
-    return SensorSpecs(gyro=of_gyro, accelerometer=of_accelerometer)
 
 
 # Grades are those of the IMU alone, as in data sheets; a moving vehicle adds vibration. Biases also
@@ -167,40 +167,44 @@ def noise_preset(name: str) -> SensorSpecs:
 def sensor_errors(specs: SensorSpecs, noise: str, robot: Robot) -> SensorErrors:
     """Errors of all sensors from specifications, a preset (name), and the robot file."""
     preset, tracks, imu = noise_preset(noise), robot.tracks, robot.imu
-    of_encoders = EncoderSpec(
+    file_encoders = EncoderSpec(
         speed_noise_density=tracks.speed_noise_density, scale_sigma=tracks.scale_sigma
     )
-    of_gyro = InertialSpec(
+    file_gyro = InertialSpec(
         noise_density=imu.gyro_noise_density,
         bias_sigma=imu.gyro_bias_sigma,
         bias_walk=imu.gyro_bias_walk,
         scale_sigma=imu.gyro_scale_sigma,
     )
-    of_accelerometer = InertialSpec(
+    file_accelerometer = InertialSpec(
         noise_density=imu.accelerometer_noise_density,
         bias_sigma=imu.accelerometer_bias_sigma,
         bias_walk=imu.accelerometer_bias_walk,
     )
-    kind, scaled = InertialErrors, INERTIAL_SCALED
+    imu_errors, imu_scaled = InertialErrors, INERTIAL_SCALED
     return SensorErrors(
-        _in_force(EncoderErrors, ENCODER_SCALED, specs.encoders, preset.encoders, of_encoders),
-        _in_force(kind, scaled, specs.gyro, preset.gyro, of_gyro),
-        _in_force(kind, scaled, specs.accelerometer, preset.accelerometer, of_accelerometer),
-        _in_force(FixErrors, FIX_SCALED, specs.fixes, preset.fixes),
+        _combined(EncoderErrors, ENCODER_SCALED, specs.encoders, preset.encoders, file_encoders),
+        _combined(imu_errors, imu_scaled, specs.gyro, preset.gyro, file_gyro),
+        _combined(
+            imu_errors, imu_scaled, specs.accelerometer, preset.accelerometer, file_accelerometer
+        ),
+        _combined(FixErrors, FIX_SCALED, specs.fixes, preset.fixes),
     )
 
 
-def _in_force(
-    kind: type[Errors], scaled: tuple[str, ...], *specs: EncoderSpec | InertialSpec | FixSpec
+def _combined(
+    error_type: type[Errors], scaled: tuple[str, ...], *specs: EncoderSpec | InertialSpec | FixSpec
 ) -> Errors:
-    """Errors, each from the first of specs that sets it; `scaled` ones times `factor`."""
+    """Errors of a sensor: each parameter by the first spec that sets it.
+
+    The parameters named in `scaled` are multiplied by `factor`, unless they are None.
+    """
     parameters: dict[str, Any] = {}
     for spec in reversed(specs):  # the first one overrides the others
         given = msgspec.structs.asdict(spec)
         parameters |= {name: value for name, value in given.items() if value is not None}
     factor = parameters.pop("factor", 1.0)
-    errors = kind(**parameters)
+    errors = error_type(**parameters)
     sizes = {name: getattr(errors, name) for name in scaled}
-    return msgspec.structs.replace(
-        errors, **{name: factor * size for name, size in sizes.items() if size is not None}
-    )
+    multiplied = {name: factor * size for name, size in sizes.items() if size is not None}
+    return msgspec.structs.replace(errors, **multiplied)

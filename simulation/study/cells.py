@@ -3,20 +3,20 @@
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
 
 from icreckon.estimator.base.checks import is_finite
-from icreckon.estimator.base.config import convert
-from icreckon.estimator.base.errors import EstimatorError, nearest_hint
+from icreckon.estimator.base.errors import nearest_hint
+from icreckon.estimator.base.plain_data import flatten
 from icreckon.estimator.filter.initial_state import assumptions
-from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.robot_file import Robot, changed_robot, load_robot
 from icreckon.estimator.robot.settings import FixWander, Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.scenario import Scenario, change_scenario, errors_of, merged
+from icreckon.simulation.scenario import Scenario, change_scenario, errors_of
 from icreckon.simulation.sensors.imu import InertialErrors
 from icreckon.simulation.study.plan import MOST_CELLS, LatinHypercube, Study, nest
 from icreckon.simulation.truth.terrain import NEEDS, Terrain, refuse_idle_keys
@@ -79,8 +79,11 @@ class Plan:
         return tuple(spec.label for spec in self.study.filters())
 
 
-# Point of an axis or a Latin hypercube: its values by axis, and changes by dotted key.
-_Point = tuple[dict[str, Value], dict[str, Any]]
+class _Point(NamedTuple):
+    """Point of an axis or a Latin hypercube."""
+
+    values: dict[str, Value]  # axis -> value
+    changes: dict[str, Any]  # dotted key -> value
 
 
 def expand(study: Study) -> Plan:
@@ -91,7 +94,7 @@ def expand(study: Study) -> Plan:
             of the scenario's terrain that acts in no cell.
         EstimatorError: no such robot.
     """
-    robot = _changed_robot(load_robot(study.robot), study.robot_changes, "robot_changes")
+    robot = _changed_robot(load_robot(study.robot), flatten(study.robot_changes))
     axes, dimensions = _dimensions(study)
     count = math.prod(len(points) for points in dimensions)
     if count > MOST_CELLS:
@@ -100,8 +103,11 @@ def expand(study: Study) -> Plan:
         )
     cells = []
     for index, points in enumerate(itertools.product(*dimensions)):
-        values = {axis: value for by_axis, _ in points for axis, value in by_axis.items()}
-        changes = {key: value for _, by_key in points for key, value in by_key.items()}
+        values: dict[str, Value] = {}
+        changes: dict[str, Any] = {}
+        for point in points:
+            values |= point.values
+            changes |= point.changes
         cells.append(_cell(study, robot, index, values, changes))
     terrain, default = study.scenario.terrain, Terrain()
     set_keys = [key for key in NEEDS if getattr(terrain, key) != getattr(default, key)]
@@ -124,17 +130,17 @@ def _dimensions(study: Study) -> tuple[tuple[Axis, ...], list[list[_Point]]]:
         )
         axes.append(Axis(key, _scale_of(values), values))
         pairs = zip(values, raw_values, strict=True)
-        dimensions.append([({key: value}, {key: raw}) for value, raw in pairs])
+        dimensions.append([_Point({key: value}, {key: raw}) for value, raw in pairs])
     for axis, changes_by_case in sweep.cases.items():
         axes.append(Axis(axis, "names", tuple(changes_by_case)))
-        dimensions.append([({axis: case}, changes) for case, changes in changes_by_case.items()])
+        cases = changes_by_case.items()
+        dimensions.append([_Point({axis: case}, changes) for case, changes in cases])
     if sweep.latin is not None:
         points = latin_points(sweep.latin, study.seed)
-        for key, (_, _, *scales) in sweep.latin.ranges.items():
-            scale = cast(Scale, scales[0] if scales else "linear")
+        for key, (_, _, *scale) in sweep.latin.ranges.items():
             rising = tuple(sorted(point[key] for point in points))
-            axes.append(Axis(key, scale, rising, sampled=True))
-        dimensions.append([(dict(point), dict(point)) for point in points])
+            axes.append(Axis(key, "log" if scale == ["log"] else "linear", rising, sampled=True))
+        dimensions.append([_Point(dict(point), dict(point)) for point in points])
     return tuple(axes), dimensions
 
 
@@ -144,25 +150,27 @@ def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
 
     ranges = latin.ranges
     sampler = qmc.LatinHypercube(len(ranges), seed=np.random.default_rng([seed, len(ranges)]))
-    # From 0 to 1, a row for each point and a column for each key.
-    shares = sampler.random(latin.points)
-    columns = {}
+    shares = sampler.random(latin.points)  # (points, keys) from 0 to 1
+    points: list[dict[str, float]] = [{} for _ in shares]
     for (key, (lowest, highest, *scale)), share in zip(ranges.items(), shares.T, strict=True):
         low, high = float(lowest), float(highest)
         column = low * (high / low) ** share if scale == ["log"] else low + (high - low) * share
-        columns[key] = [float(f"{value:.6g}") for value in column.tolist()]
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        for point, value in zip(points, column.tolist(), strict=True):
+            point[key] = float(f"{value:.6g}")
+    return points
 
 
-def _aware_of_wander(settings: Settings, robot: Robot, scenario: Scenario) -> Settings:
+def _with_wander(settings: Settings, robot: Robot, scenario: Scenario) -> Settings:
     """Settings with the wander of the scenario's fixes, unless they have one."""
-    # The wander of a robot file is that of the fixes of its logs.
     errors = errors_of(scenario, robot).fixes
-    wanders = errors.wander_sigma > 0.0
-    if settings.wander is not None or not (wanders or FixWander.of(robot).sigma):
+    if settings.wander is not None:
         return settings
-    wander = FixWander(errors.wander_sigma, errors.wander_time) if wanders else FixWander()
-    return msgspec.structs.replace(settings, wander=wander)
+    if errors.wander_sigma > 0.0:
+        wander = FixWander(errors.wander_sigma, errors.wander_time)
+        return msgspec.structs.replace(settings, wander=wander)
+    # The wander of a robot file is that of the fixes of its logs, not of simulated ones.
+    file_has_wander = FixWander.of(robot).sigma > 0.0
+    return msgspec.structs.replace(settings, wander=FixWander()) if file_has_wander else settings
 
 
 def _cell(
@@ -172,25 +180,20 @@ def _cell(
     robot_changes: dict[str, dict[str, Any]] = {root: {} for root in ROBOTS}
     scenario_changes = {}
     for key, value in changes.items():
-        if (root := _root(key)) in ROBOTS:
+        root = _root(key)
+        if root in ROBOTS:
             robot_changes[root][key.removeprefix(f"{root}.")] = value
         else:
             scenario_changes[key] = value
-    outage = scenario_changes.pop(OUTAGE, None)
-    if outage is not None and "outages" in scenario_changes:
-        raise SimulationError("sweep: outage and outages exclude each other; leave one out")
-    nested = nest(scenario_changes) | {"seed": study.seed}
-    scenario = change_scenario(study.scenario, nested, f"sweep of {study.name}")
-    if outage is not None:
-        scenario = _with_outage(scenario, outage)
-    robot = _changed_robot(robot, nest(robot_changes[ROBOT]), ROBOT)
-    true_robot = _changed_robot(robot, nest(robot_changes[TRUE_ROBOT]), TRUE_ROBOT)
+    scenario = _changed_scenario(study, scenario_changes)
+    robot = _changed_robot(robot, robot_changes[ROBOT])
+    true_robot = _changed_robot(robot, robot_changes[TRUE_ROBOT])
     modelled = _with_noise_of(robot, true_robot, scenario) if study.filters_know_noise else robot
-    modelled = _changed_robot(modelled, nest(robot_changes[FILTER]), FILTER)
+    modelled = _changed_robot(modelled, robot_changes[FILTER])
     filters = []
     for spec in study.filters():
-        own_robot = _changed_robot(modelled, spec.robot, f"robot of {spec.label}")
-        settings = _aware_of_wander(spec.made_settings(), own_robot, scenario)
+        own_robot = _changed_robot(modelled, flatten(spec.robot))
+        settings = _with_wander(spec.made_settings(), own_robot, scenario)
         assumptions(own_robot, find_variant(spec.variant), settings)  # raises if they do not fit
         filters.append(Filter(spec.label, spec.variant, own_robot, settings))
     truths, horizons = study.truths, study.horizons
@@ -200,23 +203,21 @@ def _cell(
 def _with_noise_of(robot: Robot, true_robot: Robot, scenario: Scenario) -> Robot:
     """Robot file with the noise of the simulated IMU and encoders."""
     encoders, gyro, force, _ = errors_of(scenario, true_robot)
-    # The larger one of simulation and file, which includes vibration and slopes.
+    # The file's noise includes vibration and slopes.
     accelerometer_noise = max(force.noise_density, robot.imu.accelerometer_noise_density)
-    imu = {
-        "gyro_noise_density": max(gyro.noise_density, LEAST_NOISE),
-        "gyro_bias_sigma": gyro.bias_sigma,
-        "gyro_bias_walk": _total_walk(gyro),
-        "gyro_scale_sigma": gyro.scale_sigma,
-        "accelerometer_noise_density": accelerometer_noise,
-        "accelerometer_bias_sigma": force.bias_sigma,
-        "accelerometer_bias_walk": _total_walk(force),
+    changes = {
+        "imu.gyro_noise_density": max(gyro.noise_density, LEAST_NOISE),
+        "imu.gyro_bias_sigma": gyro.bias_sigma,
+        "imu.gyro_bias_walk": _total_walk(gyro),
+        "imu.gyro_scale_sigma": gyro.scale_sigma,
+        "imu.accelerometer_noise_density": accelerometer_noise,
+        "imu.accelerometer_bias_sigma": force.bias_sigma,
+        "imu.accelerometer_bias_walk": _total_walk(force),
+        "tracks.speed_noise_density": encoders.speed_noise_density,
+        "tracks.scale_sigma": encoders.scale_sigma,
+        "tracks.difference_sigma": encoders.scale_difference_sigma,
     }
-    speeds = {
-        "speed_noise_density": encoders.speed_noise_density,
-        "scale_sigma": encoders.scale_sigma,
-        "difference_sigma": encoders.scale_difference_sigma,
-    }
-    return _changed_robot(robot, {"imu": imu, "tracks": speeds}, "noise of the scenario")
+    return changed_robot(robot, changes)
 
 
 def _total_walk(errors: InertialErrors) -> float:
@@ -240,23 +241,29 @@ def _root(key: str) -> str:
     return root
 
 
-def _changed_robot(robot: Robot, changes: dict[str, Any], source: str) -> Robot:
-    """Robot file with changed keys of nested tables; `source` names them in messages."""
-    if not changes:
-        return robot
-    data = merged(msgspec.to_builtins(robot), changes)
-    return convert(data, Robot, source, EstimatorError)
+def _changed_robot(robot: Robot, changes: dict[str, Any]) -> Robot:
+    """Robot file with changes (dotted key -> value), of which there may be none."""
+    return changed_robot(robot, changes) if changes else robot
 
 
-def _with_outage(scenario: Scenario, length: Any) -> Scenario:
-    """Scenario with one outage, its last `length` seconds; with none if that is 0."""
-    if not (is_finite(length) and 0.0 <= length <= scenario.duration):
-        raise SimulationError(
-            f"outage must be from 0 to the duration of the run, {scenario.duration:g} s, "
-            f"found {length!r}"
-        )
+def _changed_scenario(study: Study, changes: dict[str, Any]) -> Scenario:
+    """Scenario of a study with changes (dotted key -> value) and the study's seed.
+
+    `OUTAGE` is the length [s] of one outage, at the end of the run; 0 for none.
+    """
+    outage = changes.pop(OUTAGE, None)
+    if outage is not None and "outages" in changes:
+        raise SimulationError("sweep: outage and outages exclude each other; leave one out")
+    nested = nest(changes) | {"seed": study.seed}
+    scenario = change_scenario(study.scenario, nested, f"sweep of {study.name}")
+    if outage is None:
+        return scenario
     end = scenario.duration
-    outages = ((end - float(length), end),) if length else ()
+    if not (is_finite(outage) and 0.0 <= outage <= end):
+        raise SimulationError(
+            f"outage must be from 0 to the duration of the run, {end:g} s, found {outage!r}"
+        )
+    outages = ((end - float(outage), end),) if outage else ()
     return msgspec.structs.replace(scenario, outages=outages)
 
 

@@ -57,15 +57,15 @@ def failures_of(reasons: Any, labels: Sequence[str]) -> list[dict[str, Any]]:
     failures = []
     for cell in range(reasons.shape[1]):
         for label, run_reasons in zip(labels, reasons[:, cell].tolist(), strict=True):
-            failed = [reason for reason in run_reasons if reason]
-            if not failed:
+            counts = Counter(reason for reason in run_reasons if reason)
+            if not counts:
                 continue
-            counted = [
+            by_reason = [
                 {"reason": reason, "runs": count, "first_run": run_reasons.index(reason)}
-                for reason, count in Counter(failed).most_common()
+                for reason, count in counts.most_common()
             ]
-            failure = {"cell": cell, "variant": label, "runs": len(failed)}
-            failures.append(failure | {"of": len(run_reasons), "reasons": counted})
+            failure = {"cell": cell, "variant": label, "runs": counts.total()}
+            failures.append(failure | {"of": len(run_reasons), "reasons": by_reason})
     return failures
 
 
@@ -74,9 +74,11 @@ def _why_impossible(values: Floats, kinds: Sequence[Statistic]) -> str:
     names = [kind.name for kind in kinds]
     required = names[names.index(REQUIRED_FROM) : names.index(REQUIRED_TO) + 1]
     for kind, value in zip(kinds, values.tolist(), strict=True):
-        if math.isinf(value) or (math.isnan(value) and kind.name in required):
+        is_missing = math.isnan(value)
+        if math.isinf(value) or (is_missing and kind.name in required):
             return f"{kind.name} is not finite"
-        # Both comparisons are False for NaN, which a statistic that is not required may be.
+        if is_missing:
+            continue
         if value < 0.0:
             return f"{kind.name} is negative ({value:.3g})"
         if value > LARGEST[kind.unit]:

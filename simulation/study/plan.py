@@ -52,8 +52,8 @@ class LatinHypercube(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         ranges = flatten(self.ranges)
         if not ranges:
             raise SimulationError("a latin hypercube needs ranges; give at least one key")
-        for key, found in ranges.items():
-            _check_range(key, found)
+        for key, bounds in ranges.items():
+            _check_range(key, bounds)
         msgspec.structs.force_setattr(self, "ranges", ranges)
 
 
@@ -262,14 +262,14 @@ def nest(flat: dict[str, Any]) -> dict[str, Any]:
     return data
 
 
-def _check_range(key: str, found: Any) -> None:
+def _check_range(key: str, bounds: Any) -> None:
     """Reject a range that is not (lowest, highest) or (lowest, highest, scale)."""
     wanted = f"the range of {key!r} must be [lowest, highest] or [lowest, highest, scale]"
-    if not isinstance(found, list | tuple) or len(found) not in (2, 3):
-        raise SimulationError(f"{wanted}, found {found!r}")
-    low, high, *scales = found
+    if not isinstance(bounds, list | tuple) or len(bounds) not in (2, 3):
+        raise SimulationError(f"{wanted}, found {bounds!r}")
+    low, high, *scales = bounds
     if not (is_finite(low) and is_finite(high) and low < high):
-        raise SimulationError(f"{wanted}, numbers of which the second is larger, found {found!r}")
+        raise SimulationError(f"{wanted}, numbers of which the second is larger, found {bounds!r}")
     (scale,) = scales or ["linear"]
     if scale not in SCALES:
         hint = nearest_hint(str(scale), [*SCALES])
@@ -282,18 +282,18 @@ def _check_range(key: str, found: Any) -> None:
 
 def _refuse_shared_keys(sweep: Sweep) -> None:
     """Reject a key or an axis that more than one part of a sweep changes."""
-    owners: dict[str, str] = {}
-    axes = [(key, [key]) for key in sweep.grid]
+    latin_keys = sweep.latin.ranges if sweep.latin else {}
+    axes = [(key, {key}) for key in (*sweep.grid, *latin_keys)]
     axes += [
-        (axis, sorted({key for changes in named.values() for key in changes}))
-        for axis, named in sweep.cases.items()
+        (axis, {key for keys in cases.values() for key in keys})
+        for axis, cases in sweep.cases.items()
     ]
-    axes += [(key, [key]) for key in (sweep.latin.ranges if sweep.latin else {})]
     names = [axis for axis, _ in axes]
+    owners: dict[str, str] = {}
     for axis, keys in axes:
         if names.count(axis) > 1:
             raise SimulationError(f"{axis!r} is swept twice; leave one out")
-        for key in keys:
+        for key in sorted(keys):
             if key in owners:
                 raise SimulationError(
                     f"{key!r} is swept twice, by {owners[key]!r} and by {axis!r}; leave one out"

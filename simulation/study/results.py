@@ -52,6 +52,16 @@ class Runs:
         """Statistics along the last axis of the values."""
         return statistics(self.plan.study.horizons)
 
+    @property
+    def baseline(self) -> Floats:
+        """Values (cells, runs, statistics) of the filter with which others are compared."""
+        labels = self.plan.labels
+        return np.asarray(self.values[labels.index(self.plan.study.compared_with)])
+
+    def column(self, statistic: str) -> int:
+        """Index of a statistic along the last axis of the values, by its name."""
+        return [kind.name for kind in self.statistics].index(statistic)
+
 
 def cell_summaries(runs: Runs) -> list[list[list[Summary]]]:
     """Summaries by cell, filter and statistic."""
@@ -63,17 +73,17 @@ def groups_of(plan: Plan, axis: Axis) -> list[Results]:
 
     A group has a name, a value as its place on the axis, and the indices of its cells.
     """
-    value_of = {cell.index: cell.values[axis.name] for cell in plan.cells}
+    cell_values = [cell.values[axis.name] for cell in plan.cells]
     groups = []
     if not axis.sampled:
         for value in axis.values:
-            cells = [index for index, own in value_of.items() if own == value]
+            cells = [index for index, own in enumerate(cell_values) if own == value]
             groups.append({"name": shown(value), "value": value, "cells": cells})
         return groups
     for part in np.array_split(np.array(axis.values, dtype=float), min(GROUPS, len(axis.values))):
         low, high = float(part[0]), float(part[-1])
         middle = float(np.sqrt(low * high) if axis.scale == "log" else 0.5 * (low + high))
-        cells = [index for index, own in value_of.items() if low <= float(own) <= high]
+        cells = [index for index, own in enumerate(cell_values) if low <= float(own) <= high]
         groups.append({"name": f"{low:.3g} to {high:.3g}", "value": middle, "cells": cells})
     return groups
 
@@ -87,7 +97,6 @@ def shown(value: Value) -> str:
 def study_results(runs: Runs, manifest: Results, cells: Sequence[list[list[Summary]]]) -> Results:
     """Results of a study, ready for JSON, with its manifest and `cell_summaries`."""
     plan = runs.plan
-    everything = tuple(cell.index for cell in plan.cells)
     failures = failures_of(runs.reasons, plan.labels)
     return {
         "format": manifest["format"],
@@ -114,7 +123,7 @@ def study_results(runs: Runs, manifest: Results, cells: Sequence[list[list[Summa
         },
         "drift": _reported_drift(runs),
         "axes": manifest["axes"],
-        "overall": _by_variant(runs, _summaries(runs, everything)),
+        "overall": _by_variant(runs, _summaries(runs, range(len(plan.cells)))),
         "typical": _typical(runs),
         "cells": [
             {"cell": cell.index, "values": cell.values, "variants": _by_variant(runs, summaries)}
@@ -132,66 +141,72 @@ def _groups(runs: Runs, axis: Axis) -> list[Results]:
     first value that has one, with its interval: runs are paired, and so are cells.
     """
     groups = groups_of(runs.plan, axis)
+    drift, first = _reported_drift(runs), None
     for group in groups:
-        group["variants"] = _by_variant(runs, _summaries(runs, group["cells"]))
-    drift = _reported_drift(runs)
-    has_drift = [any(one[drift]["n"] for one in group["variants"].values()) for group in groups]
-    if not axis.sampled and any(has_drift):
-        first = groups[has_drift.index(True)]
+        variants = group["variants"] = _by_variant(runs, _summaries(runs, group["cells"]))
+        if first is None and any(summaries[drift]["n"] for summaries in variants.values()):
+            first = group
+    if first is not None and not axis.sampled:
         for group in groups:
-            group["to_first"] = _ratios(runs, group["cells"], first["cells"])
+            group["to_first"] = _drift_ratios(runs, group["cells"], first["cells"])
     return groups
 
 
-def _ratios(runs: Runs, cells: Sequence[int], others: Sequence[int]) -> Results:
-    """Ratios of the reported drift in cells to that in as many others, by variant."""
-    names = [statistic.name for statistic in runs.statistics]
-    drifts = runs.values[..., [names.index(_reported_drift(runs))]]
-    found = {}
-    for label, drift in zip(runs.plan.labels, drifts, strict=True):
-        own, other = drift[list(cells)], drift[list(others)]
-        in_both = np.isfinite(own) & np.isfinite(other)
-        means = [over_cells(np.where(in_both, each, np.nan))[:, 0] for each in (own, other)]
-        known = np.isfinite(means[0])
-        ratio = ratio_interval(means[0][known], means[1][known], runs.motions[known])
-        found[label] = dict(zip(("ratio", "ratio_low", "ratio_high"), ratio, strict=True))
-    return found
+def _drift_ratios(runs: Runs, cells: Sequence[int], first_cells: Sequence[int]) -> Results:
+    """Ratio of the reported drift in cells to that in as many others, by variant."""
+    column = runs.column(_reported_drift(runs))
+    ratios = {}
+    for label, values in zip(runs.plan.labels, runs.values, strict=True):
+        drifts, first_drifts = values[list(cells), :, column], values[list(first_cells), :, column]
+        means, first_means = _paired_means(drifts[..., None], first_drifts[..., None])
+        known = np.isfinite(means[:, 0])
+        ratio = ratio_interval(means[known, 0], first_means[known, 0], runs.motions[known])
+        ratios[label] = dict(zip(("ratio", "ratio_low", "ratio_high"), ratio, strict=True))
+    return ratios
+
+
+def _paired_means(values: Floats, others: Floats) -> tuple[Floats, Floats]:
+    """Means (runs, statistics) over the cells in which a run has both values.
+
+    Both are (cells, runs, statistics). Without this pairing, easy cells would be compared with hard ones.
+    """
+    has_both = np.isfinite(values) & np.isfinite(others)
+    paired, paired_others = (np.where(has_both, part, np.nan) for part in (values, others))
+    return over_cells(paired), over_cells(paired_others)
 
 
 def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
     """Summaries by filter and statistic of the means over some cells, run by run."""
-    picked = runs.values[:, list(cells)]
-    baseline = picked[list(runs.plan.labels).index(runs.plan.study.compared_with)]
-    motions, by_filter = runs.motions, []
-    for values in picked:
-        means = over_cells(values)
-        # Only cells where neither failed: otherwise easy cells are compared with hard ones.
-        in_both = np.isfinite(values) & np.isfinite(baseline)
-        paired = over_cells(np.where(in_both, values, np.nan))
-        paired_baseline = over_cells(np.where(in_both, baseline, np.nan))
-        columns = zip(means.T, paired_baseline.T, paired.T, strict=True)
-        by_filter.append([summarise(mean, base, motions, pair) for mean, base, pair in columns])
-    return by_filter
+    baseline, motions = runs.baseline[list(cells)], runs.motions
+    summaries = []
+    for values in runs.values[:, list(cells)]:
+        paired, paired_baseline = _paired_means(values, baseline)
+        columns = zip(over_cells(values).T, paired_baseline.T, paired.T, strict=True)
+        summaries.append([summarise(mean, base, motions, pair) for mean, base, pair in columns])
+    return summaries
 
 
 def _by_variant(runs: Runs, summaries: list[list[Summary]]) -> dict[str, Any]:
     """Summaries as plain data: label of the filter -> name of the statistic -> data."""
-    names = [statistic.name for statistic in runs.statistics]
-    rows = [[asdict(summary) for summary in of_filter] for of_filter in summaries]
-    by_name = [dict(zip(names, row, strict=True)) for row in rows]
-    return dict(zip(runs.plan.labels, by_name, strict=True))
+    by_variant = {}
+    for label, row in zip(runs.plan.labels, summaries, strict=True):
+        pairs = zip(runs.statistics, row, strict=True)
+        by_variant[label] = {statistic.name: asdict(summary) for statistic, summary in pairs}
+    return by_variant
 
 
 def _reported_drift(runs: Runs) -> str:
     """Drift over a horizon that most cells have: the longest, or the usual one."""
-    names, horizons = [statistic.name for statistic in runs.statistics], runs.plan.study.horizons
+    horizons = runs.plan.study.horizons
     usual = USUAL_HORIZON if horizons == HORIZONS else max(horizons)
-    horizons = tuple(sorted(horizons, key=lambda s: (abs(s - usual), s)))
-    columns = [names.index(DRIFT.format(horizon)) for horizon in horizons]
-    # Cells in which any run of any filter has the drift.
-    has_drift = (np.isfinite(runs.values[..., column]).any(axis=(0, 2)) for column in columns)
-    cell_counts = [int(cells.sum()) for cells in has_drift]
-    return names[columns[int(np.argmax(cell_counts))]]
+
+    def cells_with_drift(horizon: float) -> int:
+        """Number of cells in which any run of any filter has the drift."""
+        drifts = runs.values[..., runs.column(DRIFT.format(horizon))]
+        return int(np.isfinite(drifts).any(axis=(0, 2)).sum())
+
+    nearest_first = sorted(horizons, key=lambda horizon: (abs(horizon - usual), horizon))
+    return DRIFT.format(max(nearest_first, key=cells_with_drift))
 
 
 def _typical(runs: Runs) -> dict[str, Any]:
@@ -200,85 +215,77 @@ def _typical(runs: Runs) -> dict[str, Any]:
     `median_percent` is the median over cells of mean drifts; `ratio` of drifts and `end_ratio` of final
     errors as of `_typical_ratios`.
     """
-    names = [statistic.name for statistic in runs.statistics]
-    drifts, errors = (
-        runs.values[..., names.index(of)] for of in (_reported_drift(runs), FINAL_ERROR)
-    )
-    ratios, end_ratios = _typical_ratios(runs, drifts), _typical_ratios(runs, errors)
-    by_label = {}
+    drifts = runs.values[..., runs.column(_reported_drift(runs))]
+    ratios = _typical_ratios(runs, _reported_drift(runs))
+    end_ratios = _typical_ratios(runs, FINAL_ERROR)
+    by_label: dict[str, Any] = {}
     for number, (label, drift) in enumerate(zip(runs.plan.labels, drifts, strict=True)):
         finite_drifts = [cell[np.isfinite(cell)] for cell in drift]
-        means = [float(drifts.mean()) for drifts in finite_drifts if len(drifts)]
+        means = [float(finite.mean()) for finite in finite_drifts if len(finite)]
         by_label[label] = {"median_percent": float(np.median(means)) if means else np.nan}
-        for name, found in (("ratio", ratios), ("end_ratio", end_ratios)):
-            ends = (name, f"{name}_low", f"{name}_high")
-            by_label[label] |= zip(ends, found[number], strict=True)
+        for name, (ratio, low, high) in (
+            ("ratio", ratios[number]),
+            ("end_ratio", end_ratios[number]),
+        ):
+            by_label[label] |= {name: ratio, f"{name}_low": low, f"{name}_high": high}
     return by_label
 
 
-def _typical_ratios(runs: Runs, values: Floats) -> list[tuple[float, float, float]]:
-    """Geometric means over cells of the ratios to the baseline, of each variant.
+def _typical_ratios(runs: Runs, statistic: str) -> list[tuple[float, float, float]]:
+    """Geometric mean over cells of a statistic's ratio to the baseline, by variant.
 
-    Each has the ends of its 95 % interval, by leaving out true motions one by one. `values` are
-    (filters, cells, runs).
+    Each has the ends of its 95 % interval, by leaving out true motions one by one.
     """
-    motions = runs.motions
-    baseline = values[list(runs.plan.labels).index(runs.plan.study.compared_with)]
+    motions, column = runs.motions, runs.column(statistic)
+    baseline = runs.baseline[..., column]
 
-    def log_ratio(value: Floats, counted: Any) -> float:
+    def log_ratio(values: Floats, counted: Any) -> float:
         """Mean over cells of the log of the ratio, over `counted` runs (mask, or True)."""
-        in_both = np.isfinite(value) & np.isfinite(baseline) & counted
-        value_sum = np.where(in_both, value, 0.0).sum(axis=1)
-        baseline_sum = np.where(in_both, baseline, 0.0).sum(axis=1)
+        has_both = np.isfinite(values) & np.isfinite(baseline) & counted
+        value_sum = np.where(has_both, values, 0.0).sum(axis=1)
+        baseline_sum = np.where(has_both, baseline, 0.0).sum(axis=1)
         has_ratio = np.asarray((value_sum > 0.0) & (baseline_sum > 0.0))
         if not has_ratio.any():
             return math.nan
         return float(np.log(value_sum[has_ratio] / baseline_sum[has_ratio]).mean())
 
-    found = []
-    for value in values:
-        without_one = [log_ratio(value, motions != motion) for motion in np.unique(motions)]
-        mean, half_width = log_ratio(value, True), jackknife_half_width(np.array(without_one))
+    ratios = []
+    for values in runs.values[..., column]:
+        without_one = [log_ratio(values, motions != motion) for motion in np.unique(motions)]
+        mean, half_width = log_ratio(values, True), jackknife_half_width(np.array(without_one))
         low, high = mean - half_width, mean + half_width
-        found.append((math.exp(mean), math.exp(low), math.exp(high)))
-    return found
+        ratios.append((math.exp(mean), math.exp(low), math.exp(high)))
+    return ratios
 
 
 def _final_errors(runs: Runs) -> list[Results]:
     """Percentiles of the final position error over all cells, by variant that has one."""
-    column, found = [statistic.name for statistic in runs.statistics].index(FINAL_ERROR), {}
-    for label, values in zip(runs.plan.labels, runs.values[..., column], strict=True):
+    percentiles = {}
+    final_errors = runs.values[..., runs.column(FINAL_ERROR)]
+    for label, values in zip(runs.plan.labels, final_errors, strict=True):
         errors = values[np.isfinite(values)]
         if len(errors):
             exact = np.percentile(errors, PERCENTILES).tolist()
-            found[label] = [float(f"{value:.{SHOWN_DIGITS}g}") for value in exact]
-    return [{"axis": "", "group": "all runs", "percentiles": found}]
+            percentiles[label] = [float(f"{value:.{SHOWN_DIGITS}g}") for value in exact]
+    return [{"axis": "", "group": "all runs", "percentiles": percentiles}]
 
 
 def alike(values: Floats, axis: int) -> list[list[int]]:
-    """Group filters (axis 0) or cells (axis 1) with equal statistics, to rounding.
+    """Group filters (axis 0) or cells (axis 1) with equal statistics, to `ROUNDING`.
 
     Groups have two or more indices; values (filters, cells, runs, statistics) are NaN if missing.
     """
     items = np.moveaxis(values, axis, 0)
-    known = np.isfinite(items)
     # Equal items have equal sums: only neighbours in their order need to be compared.
-    sums = np.where(known, items, 0.0).reshape(len(items), -1).sum(axis=1)
+    sums = np.nansum(items.reshape(len(items), -1), axis=1)
     groups: list[list[int]] = []
     for index in np.argsort(sums, kind="stable").tolist():
-        if not known[index].any():
+        item = items[index]
+        if np.isnan(item).all():
             continue
-        if groups and _same(items[groups[-1][0]], items[index]):
+        last = items[groups[-1][0]] if groups else np.nan
+        if np.allclose(item, last, rtol=ROUNDING, atol=0.0, equal_nan=True):
             groups[-1].append(index)
         else:
             groups.append([index])
     return sorted(sorted(group) for group in groups if len(group) > 1)
-
-
-def _same(first: Any, other: Any) -> bool:
-    """Return True if values are equal to `ROUNDING`, and missing in the same places."""
-    if not np.array_equal(np.isfinite(first), np.isfinite(other)):
-        return False
-    larger = np.maximum(np.abs(first), np.abs(other))
-    # Comparisons with NaN are False: missing values do not differ.
-    return not (np.abs(first - other) > ROUNDING * larger).any()

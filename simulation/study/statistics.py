@@ -1,7 +1,7 @@
 """Statistics of a run: one number each, NaN if the run does not have it.
 
-An engine returns them in this order, see `icreckon.simulation.running.engines`; definitions are those of
-`icreckon.estimator.log.scores`.
+An engine returns them in this order, see `icreckon.simulation.running.engines`;
+`icreckon.estimator.log.scores` defines them.
 """
 
 import math
@@ -104,7 +104,7 @@ def scored_segments(
     """Segments of each horizon [s], and of the yaw drift, which come last.
 
     They lie in the spans without fixes that are at least as long as a segment; in the whole run if it has
-    no fixes. Stamps (n,) at which the run is scored, those of the fixes, start and end are in ns.
+    no fixes. The run is scored at `stamps` (n,); all stamps are in ns.
     """
     first, scored = segment_starts(stamps), []
     for horizon in (*horizons, YAW_HORIZON):
@@ -116,7 +116,7 @@ def scored_segments(
     return scored
 
 
-def truth_of(log: Log) -> tuple[PoseSeries, TwistSeries]:
+def _truth_of(log: Log) -> tuple[PoseSeries, TwistSeries]:
     """True poses and body velocities of a log; ValueError without them."""
     if log.truth is None or log.truth.twists is None:
         raise ValueError("there is no truth to score against")
@@ -125,13 +125,13 @@ def truth_of(log: Log) -> tuple[PoseSeries, TwistSeries]:
 
 def true_ticks(log: Log) -> TrueTicks:
     """Truth of a run whose truth has the stamps of its estimates."""
-    poses, twists = truth_of(log)
+    poses, twists = _truth_of(log)
     return TrueTicks(poses.poses, twists.twists, path_length(poses))
 
 
 def run_statistics(run: Run, log: Log, horizons: Sequence[float]) -> Floats:
     """Statistics (n,), in the order of `statistics`, of a run from the true pose on."""
-    path, (poses, twists) = run.trajectory, truth_of(log)
+    path, (poses, twists) = run.trajectory, _truth_of(log)
     stamps = shared_stamps(path, poses)
     path_rows, twist_rows = (np.searchsorted(series.stamps, stamps) for series in (path, twists))
     estimate = Trajectory(
@@ -153,22 +153,28 @@ def run_statistics(run: Run, log: Log, horizons: Sequence[float]) -> Floats:
 def path_statistics(
     estimate: Trajectory, truth: TrueTicks, segments: Sequence[Segments]
 ) -> list[Floats]:
-    """Statistics (...) of estimates, in their order, up to those of innovations."""
-    # The truth is at the estimates' stamps. An axis for runs side by side may follow the first.
-    *horizons, yaw_horizon = segments
+    """Statistics (...) of estimates, in their order, up to those of innovations.
+
+    The truth is at the estimates' stamps, segments are those of `scored_segments`. An axis for runs side
+    by side may follow the first axis of all arrays.
+    """
     errors = estimate.poses - truth.poses
     errors[..., 2] = wrap_angle(errors[..., 2])
     x, y, yaw = np.moveaxis(errors, -1, 0)
     velocities = estimate.twists - truth.twists
-    drifts = [_drift(estimate, truth, horizon) for horizon in horizons]
-    _, yaw_drift = _drift(estimate, truth, yaw_horizon)
-    nees_mean, nees_end = _nees(errors, estimate.pose_covariances)
-    velocity_nees_mean, _ = _nees(velocities, estimate.twist_covariances)
-    position_drifts = [100.0 * position_drift for position_drift, _ in drifts]
-    at_end = np.hypot(x[-1], y[-1]), np.abs(yaw[-1])
-    rms = (_rms(np.hypot(x, y)), _rms(yaw), *(_rms(velocities[..., axis]) for axis in range(3)))
-    all_nees = nees_mean, nees_end, velocity_nees_mean
-    return [*position_drifts, np.degrees(yaw_drift), *at_end, *rms, *all_nees]
+    drifts = [_drift(estimate, truth, segments_of_horizon) for segments_of_horizon in segments]
+    _, yaw_drift = drifts.pop()
+    return [
+        *(100.0 * position_drift for position_drift, _ in drifts),
+        np.degrees(yaw_drift),
+        np.hypot(x[-1], y[-1]),
+        np.abs(yaw[-1]),
+        _rms(np.hypot(x, y)),
+        _rms(yaw),
+        *(_rms(velocities[..., axis]) for axis in range(3)),
+        *_nees(errors, estimate.pose_covariances),
+        _nees(velocities, estimate.twist_covariances)[0],
+    ]
 
 
 def _drift(estimate: Trajectory, truth: TrueTicks, segments: Segments) -> tuple[Floats, Floats]:

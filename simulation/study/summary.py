@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.lag_search import jackknife_sigma
 
 CONFIDENCE = 0.95
 GROUPS = 5  # number of groups of neighbouring cells that summarise a sampled axis
@@ -59,15 +60,15 @@ def summarise(
     paired = values if paired is None else paired
     has_value = np.isfinite(values)
     finite, finite_motions = values[has_value], motions[has_value]
-    both = np.isfinite(paired) & np.isfinite(baseline)
+    has_pair = np.isfinite(paired) & np.isfinite(baseline)
     mean = mean_interval(finite, finite_motions, positive=True)
-    difference = mean_interval(paired[both] - baseline[both], motions[both])
-    ratio = ratio_interval(paired[both], baseline[both], motions[both])
+    difference = mean_interval(paired[has_pair] - baseline[has_pair], motions[has_pair])
+    ratio = ratio_interval(paired[has_pair], baseline[has_pair], motions[has_pair])
     percentiles = [math.nan] * 3
     if len(finite):
         percentiles = np.percentile(finite, (50.0, 5.0, 95.0)).tolist()
     median, p05, p95 = percentiles
-    runs, true_motions, pairs = len(finite), len(np.unique(finite_motions)), int(both.sum())
+    runs, true_motions, pairs = len(finite), len(np.unique(finite_motions)), int(has_pair.sum())
     return Summary(runs, true_motions, *mean, median, p05, p95, pairs, *difference, *ratio)
 
 
@@ -108,10 +109,7 @@ def _on_log_scale(value: float, half: float) -> tuple[float, float, float]:
 def jackknife_half_width(without: Floats) -> float:
     """Half-width of a 95 % interval, by values (m,) without each true motion; or NaN."""
     count = len(without)
-    if count < 2:
-        return math.nan
-    variance = (count - 1) / count * float(((without - without.mean()) ** 2).sum())
-    return _student(count - 1) * math.sqrt(variance)
+    return _student(count - 1) * float(jackknife_sigma(without)) if count > 1 else math.nan
 
 
 def over_cells(values: Floats) -> Floats:

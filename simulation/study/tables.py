@@ -11,17 +11,15 @@ from icreckon.simulation.study.cells import Plan
 from icreckon.simulation.study.results import Runs
 from icreckon.simulation.study.summary import COLUMNS, Summary
 
-AXIS = "axis:{}"  # names of axis columns; the prefix keeps them apart from the others
-
 
 def results_parquet(runs: Runs, cells: Sequence[list[list[Summary]]]) -> bytes:
     """Table of `results.cell_summaries`: one row for each cell, variant and statistic."""
     plan, kinds = runs.plan, runs.statistics
     rows = [astuple(summary) for filters in cells for summaries in filters for summary in summaries]
     columns = _key_columns(plan, len(kinds))
-    for key, attribute in (("statistic", "name"), ("unit", "unit")):
-        texts = np.array([getattr(kind, attribute) for kind in kinds], dtype=object)
-        columns[key] = np.tile(texts, len(plan.cells) * len(plan.labels))
+    repeats = len(plan.cells) * len(plan.labels)
+    columns["statistic"] = np.array([kind.name for kind in kinds] * repeats, dtype=object)
+    columns["unit"] = np.array([kind.unit for kind in kinds] * repeats, dtype=object)
     for name, values in zip(COLUMNS, np.array(rows).T, strict=True):
         is_whole = Summary.__dataclass_fields__[name].type is int
         columns[name] = values.astype(np.int64) if is_whole else values.astype(np.float64)
@@ -54,7 +52,8 @@ def _key_columns(plan: Plan, rows: int) -> dict[str, Any]:
             column = np.array([str(value) for value in values], dtype=object)
         else:
             column = np.array(values, dtype=np.float64)
-        columns[AXIS.format(axis.name)] = column[cell_of_row]
+        # The prefix keeps axes apart from the other columns.
+        columns[f"axis:{axis.name}"] = column[cell_of_row]
     labels = np.repeat(np.array(plan.labels, dtype=object), rows)
     return columns | {"variant": np.tile(labels, len(plan.cells))}
 

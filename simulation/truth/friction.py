@@ -2,13 +2,14 @@
 
 The tracks follow their commands with a first-order lag. Friction and rolling resistance at the contact
 points (`icreckon.simulation.contact.contact`) move the body, with the robot's inertia and the scenario's
-terrain and payload. Its steady motion is that of `icreckon.simulation.contact.steady_state`.
+terrain and payload. At constant track speeds it ends in the stationary motion that
+`icreckon.simulation.contact.steady_state` computes.
 """
 
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from msgspec import structs
@@ -100,8 +101,8 @@ class FrictionTruth:
         speeds, rates = follow(command(grid_times(duration, rate)), step, self.track_lag)
         effective_gauge = robot.vehicle.track_gauge * robot.indices.eta0
         surface = LEVEL
-        if self.terrain is not None and not self.terrain.is_level:
-            # A stream of its own, so that other draws are those of level ground.
+        if self.terrain is not None:
+            # A separate stream, so that all other draws are the same as on level ground.
             (phases,) = rng.spawn(1)
             surface = draw_surface(self.terrain, 2.0 * robot.vehicle.half_contact_length, phases)
         slip = self.slip_noise * slip_residual(speeds, TRUE_SLIP, effective_gauge, step, rng)
@@ -162,7 +163,7 @@ def drive(
     from icreckon.simulation.truth import friction_ode as ode
 
     count = len(speeds)
-    states, slopes, rows = np.zeros((count, 6)), np.zeros((count, 2)), patch_rows(patches)
+    states, slopes = np.zeros((count, 6)), np.zeros((count, 2))
     tipping = np.zeros(count, dtype=bool)
     residual = np.zeros((count, 3)) if slip is None else np.ascontiguousarray(slip)
     pose = np.zeros(3)
@@ -171,31 +172,39 @@ def drive(
         pose[2] = start[5]
     for first, last in _spans(payloads, count, step):
         # Payloads change at grid points: half a step later it is certain which are carried.
-        time = (first + 0.5) * step
-        carried = [load for load in payloads if load.time[0] < time < load.time[1]]
-        body, inertia = loaded(contact.body, yaw_inertia, carried)
-        try:
-            loaded_contact = Contact(contact.soil, contact.geometry, body)
-        except ValueError as error:
-            raise SimulationError(
-                f"the vehicle cannot stand with its payload: the centre of mass, {body.y_CM:.3f} m "
-                f"forward and {-body.x_CM:.3f} m left, lies outside the contact"
-            ) from error
-        scales = np.array([SMALL_VELOCITY] * 3 + [SMALL_LOAD * body.weight] * 2 + [SMALL_YAW])
-        span = slice(first, last + 1)
+        middle = (first + 0.5) * step
+        carried = [load for load in payloads if load.time[0] < middle < load.time[1]]
+        loaded_contact, inertia = _loaded_contact(contact, yaw_inertia, carried)
+        body = loaded_contact.body
         inverse_mass = np.asarray(np.linalg.inv(mass_matrix(body, inertia)), float)
         vehicle = ode.Vehicle(ground(loaded_contact), inverse_mass, load_lag)
+        span = slice(first, last + 1)
         grid = (np.ascontiguousarray(values[span]) for values in (speeds, speed_rates))
         tracks = ode.DrivenTracks(first * step, step, *grid)
         motion = ode.GridMotion(pose, states[span], slopes[span], tipping[span], residual[span])
-        allowed = ode.Tolerance(tolerance, tolerance * scales)
-        steps = ode.integrate(vehicle, surface, rows, tracks, allowed, motion)
-        if steps < 0:  # minus the index of the grid point that was not reached
+        scales = np.array([SMALL_VELOCITY] * 3 + [SMALL_LOAD * body.weight] * 2 + [SMALL_YAW])
+        rows = patch_rows(patches)
+        reached = ode.integrate(vehicle, surface, rows, tracks, tolerance, scales, motion)
+        if first + reached < last:
             raise SimulationError(
-                f"the motion cannot be integrated beyond {(first - steps) * step:.3f} s: "
+                f"the motion cannot be integrated beyond {(first + reached) * step:.3f} s: "
                 "the integration step became too small"
             )
     return Drive(states[:, :3], states[:, 3:5], slopes, tipping)
+
+
+def _loaded_contact(
+    contact: Contact, yaw_inertia: float, payloads: list[Payload]
+) -> tuple[Contact, float]:
+    """Contact and yaw inertia [kg m²] with payloads; an error if it cannot stand."""
+    body, inertia = loaded(contact.body, yaw_inertia, payloads)
+    try:
+        return Contact(contact.soil, contact.geometry, body), inertia
+    except ValueError as error:
+        raise SimulationError(
+            f"the vehicle cannot stand with its payload: the centre of mass, {body.y_CM:.3f} m "
+            f"forward and {-body.x_CM:.3f} m left, lies outside the contact"
+        ) from error
 
 
 def mass_matrix(body: Body, yaw_inertia: float) -> Floats:
@@ -219,15 +228,15 @@ def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats,
         return commands, np.gradient(commands, step, axis=0)
     decay = math.exp(-step / time_constant)
     share = (1.0 - decay) * time_constant / step
-    of_newer, of_older = 1.0 - share, share - decay
+    newer_weight, older_weight = 1.0 - share, share - decay
     # The filter begins in the steady state of the first command.
-    driving = of_newer * commands[1:] + of_older * commands[:-1]
+    driving = newer_weight * commands[1:] + older_weight * commands[:-1]
     speeds = first_order(np.concatenate([commands[:1], driving]), decay)
     return speeds, (commands - speeds) / time_constant
 
 
 def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
-    """Draw the true contact of a robot: that of its file with random changes.
+    """Draw the true contact of a robot: its file's contact with random changes.
 
     `spread` is that of `FrictionTruth`.
     """
@@ -235,24 +244,26 @@ def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
     # The last number is not used; without it, later draws of a seed would change.
     friction, rolling, height, length, right, forward, _ = spread * rng.standard_normal(7)
     soil, geometry, body = contact.soil, contact.geometry, contact.body
-    along = soil.longitudinal_friction
-    stretched = float(np.exp(LENGTH_SHARE * length))
-    half_length = 0.5 * (geometry.positions[-1] - geometry.positions[0])
-    changed: dict[str, Any] = {
-        "friction": float(soil.friction * np.exp(friction)),
-        "longitudinal_friction": None if along is None else float(along * np.exp(friction)),
-        "rolling_resistance": float(soil.rolling_resistance * np.exp(rolling)),
-    }
-    positions = tuple(stretched * y for y in geometry.positions)
-    x_CM = _within(body.x_CM + CENTRE_SHARE * 0.5 * geometry.gauge * right, geometry.gauge)
-    y_CM = body.y_CM + CENTRE_SHARE * half_length * forward
-    y_CM = _within(y_CM, 2.0 * stretched * half_length)
-    z_CM = float(body.z_CM * np.exp(HEIGHT_SHARE * height))
-    return Contact(
-        structs.replace(soil, **changed),
-        structs.replace(geometry, positions=positions),
-        structs.replace(body, x_CM=x_CM, y_CM=y_CM, z_CM=z_CM),
+    true_soil = structs.replace(
+        soil,
+        friction=float(soil.friction * np.exp(friction)),
+        rolling_resistance=float(soil.rolling_resistance * np.exp(rolling)),
     )
+    if soil.longitudinal_friction is not None:
+        along = float(soil.longitudinal_friction * np.exp(friction))
+        true_soil = structs.replace(true_soil, longitudinal_friction=along)
+    stretch = float(np.exp(LENGTH_SHARE * length))
+    half_length = 0.5 * (geometry.positions[-1] - geometry.positions[0])
+    x_CM = body.x_CM + CENTRE_SHARE * 0.5 * geometry.gauge * right
+    y_CM = body.y_CM + CENTRE_SHARE * half_length * forward
+    true_body = structs.replace(
+        body,
+        x_CM=_within(x_CM, geometry.gauge),
+        y_CM=_within(y_CM, 2.0 * stretch * half_length),
+        z_CM=float(body.z_CM * np.exp(HEIGHT_SHARE * height)),
+    )
+    positions = tuple(stretch * position for position in geometry.positions)
+    return Contact(true_soil, structs.replace(geometry, positions=positions), true_body)
 
 
 def on_surface(motion: TrueMotion, surface: Surface, patches: tuple[Patch, ...]) -> TrueMotion:
@@ -287,8 +298,6 @@ def _within(value: float, width: float) -> float:
 
 def _spans(payloads: tuple[Payload, ...], count: int, step: float) -> list[tuple[int, int]]:
     """First and last grid point of each span of constant load; spans share their ends."""
-    changes = {0, count - 1}
-    for payload in payloads:
-        times = filter(np.isfinite, payload.time)
-        changes |= {round(min(max(time / step, 0.0), count - 1.0)) for time in times}
-    return list(pairwise(sorted(changes)))
+    times = np.array([time for payload in payloads for time in payload.time])
+    changes = np.rint(np.clip(times / step, 0.0, count - 1.0)).astype(int).tolist()
+    return list(pairwise(sorted({0, count - 1, *changes})))

@@ -83,19 +83,12 @@ class Vehicle(NamedTuple):
     load_lag: float  # time constant T of the load transfer [s]
 
 
-class StepRoom(NamedTuple):
-    """Room for what a step computes; `trial` is its solution."""
+class TrackForces(NamedTuple):
+    """Forces of the ground on the tracks, overwritten by `_rates`."""
 
     loads: PointLoads  # loads of the contact points
-    forces: Floats  # (3,) the ground's force and moment on the vehicle [N, N, N m]
+    values: Floats  # (3,) force and moment on the vehicle [N, N, N m]
     jacobian: Floats  # (3, COLUMNS) their derivatives
-    by_state: Floats  # (6, 6) derivatives of the rates by the state
-    by_time: Floats  # (6,) their derivatives by time
-    matrix: Floats  # (6, 6) factors of the linear system of all stages
-    pivots: NDArray[np.int64]  # (6,) its pivots
-    stages: Floats  # (STAGES, 6) increments
-    rate: Floats  # (6,) rates of the state
-    trial: Floats  # (6,) state of a stage, and at the end that after the step
 
 
 class DrivenTracks(NamedTuple):
@@ -123,31 +116,25 @@ class GridMotion(NamedTuple):
     slip: Floats
 
 
-class Tolerance(NamedTuple):
-    """Tolerance per step: relative, and (6,) absolute in the units of the state."""
-
-    relative: float
-    absolute: Floats
-
-
 @compiled
 def integrate(
     vehicle: Vehicle,
     surface: Surface,
     patches: Floats,
     tracks: DrivenTracks,
-    tolerance: Tolerance,
+    tolerance: float,
+    scales: Floats,
     motion: GridMotion,
 ) -> int:
     """Integrate from grid point to grid point; the ground is looked up at each one.
 
     Of `motion`, the slip and the first pose and state are inputs. The rest is overwritten, except for the
     last value of `tipping`; the pose with the last one. `patches` (k, PATCH_WIDTH) are those of
-    `icreckon.simulation.truth.surface_kernel`.
+    `icreckon.simulation.truth.surface_kernel`. The error allowed per step is the tolerance [-] of the
+    state, and of `scales` (6,) in its units.
 
     Returns:
-        Number of steps, rejected ones included; or, if the step became too small, minus the index of
-        the grid point that was not reached.
+        Index of the last grid point that was reached; beyond, the step became too small.
 
     Raises:
         ValueError: an array has the wrong size.
@@ -158,24 +145,23 @@ def integrate(
     sizes_fit = speeds.shape == speed_rates.shape == slopes.shape == (n, 2)
     sizes_fit &= states.shape == (n, SIZE) and tipping.shape == (n,) and pose.shape == (3,)
     sizes_fit &= slip.shape == (n, 3)
-    if not sizes_fit or patches.shape[1] != PATCH_WIDTH or tolerance.absolute.shape != (SIZE,):
+    if not sizes_fit or patches.shape[1] != PATCH_WIDTH or scales.shape != (SIZE,):
         raise ValueError(WRONG_SIZE)
-    room = _step_room(len(vehicle.ground.x))
-    by_state, by_time, matrix, pivots = room.by_state, room.by_time, room.matrix, room.pivots
-    stages, rate, trial, ground = room.stages, room.rate, room.trial, vehicle.ground
-    under_tracks = TrackGround(ground.friction, ground.rolling_resistance)
+    ground, points = vehicle.ground, len(vehicle.ground.x)
+    loads = PointLoads(np.empty(points), np.empty(points), np.empty(points))
+    forces = TrackForces(loads, np.empty(3), np.empty((3, COLUMNS)))
+    # Rate of the state, its derivatives by time and by the state; linear system of all stages.
+    rate, by_time, by_state = np.empty(SIZE), np.empty(SIZE), np.empty((SIZE, SIZE))
+    matrix, pivots = np.empty((SIZE, SIZE)), np.empty(SIZE, dtype=np.int64)
+    stages, trial = np.empty((STAGES, SIZE)), np.empty(SIZE)
     outside_patches = TrackGround(ground.friction.copy(), ground.rolling_resistance.copy())
-    h, steps = step, 0  # length of the next step [s], and number of steps
-    for k in range(len(speeds)):
+    h = step  # length of the next step [s]
+    for k in range(n):
         time = start + k * step
-        if not surface.present:
-            pose[2] = states[k, YAW]
-        place = (pose[0], pose[1], pose[2])
-        look_up(patches, time, place, ground.half_gauge, outside_patches, under_tracks, slopes[k])
-        if surface.present:
-            p_x, p_y = tilt(surface, patches, time, pose[0], pose[1])
-            _set_slope(gravity_on(p_x, p_y, pose[2]), states[k, YAW], slopes[k])
-        if k + 1 == len(speeds):
+        _find_ground(
+            ground, surface, patches, outside_patches, time, states[k, YAW], pose, slopes[k]
+        )
+        if k + 1 == n:
             break
         weight = _weight_on_slope(ground, slopes[k])
         y = states[k + 1]
@@ -197,11 +183,14 @@ def integrate(
                 share = done + STAGE_TIMES[stage] * h / step
                 left, left_rate = _speed_at(speeds, speed_rates, k, 0, step, share)
                 right, right_rate = _speed_at(speeds, speed_rates, k, 1, step, share)
-                tips = _rates(vehicle, weight, slopes[k], trial, (left, right), room)
+                tips = _rates(vehicle, weight, slopes[k], trial, (left, right), forces, rate)
                 if stage == 0:
                     if done == 0.0:
                         tipping[k] = tips
-                    _rate_derivatives(vehicle, slopes[k], y, (left_rate, right_rate), room)
+                    speed_rate, jacobian = (left_rate, right_rate), forces.jacobian
+                    _rate_derivatives(
+                        vehicle, slopes[k], y, speed_rate, jacobian, by_state, by_time
+                    )
                     for row in range(SIZE):
                         for column in range(SIZE):
                             matrix[row, column] = -by_state[row, column]
@@ -213,8 +202,10 @@ def integrate(
                         total += C[stage, before] / h * stages[before, row]
                     stages[stage, row] = total
                 _substitute(matrix, pivots, stages[stage])
-            error = _step_error(y, room, tolerance)
-            steps += 1
+            # The last stage is the difference from the embedded solution.
+            for row in range(SIZE):
+                trial[row] += stages[STAGES - 1, row]
+            error = _step_error(y, trial, stages[STAGES - 1], tolerance, scales)
             h_tried, h = h, _next_step(h, error)
             if error <= 1.0:
                 for row in range(SIZE):
@@ -223,45 +214,55 @@ def integrate(
                 if 1.0 - done < 1e-12:
                     done = 1.0
             elif h < SMALLEST_STEP:
-                return -(k + 1)
+                return k
         if surface.present:
             moved = _displacement(states[k], y, slip[k], slip[k + 1], step)
-            times = (time, time + step)
+            times, place = (time, time + step), (pose[0], pose[1], pose[2])
             pose[0], pose[1], pose[2], _ = ride(surface, patches, times, place, moved)
         else:
             _advance(pose, states[k], y, step)
-    return steps
+    return n - 1
 
 
 @compiled
-def _step_room(points: int) -> StepRoom:
-    """Room for the steps of a vehicle with `points` contact points."""
-    return StepRoom(
-        PointLoads(np.empty(points), np.empty(points), np.empty(points)),
-        np.empty(3),
-        np.empty((3, COLUMNS)),
-        np.empty((SIZE, SIZE)),
-        np.empty(SIZE),
-        np.empty((SIZE, SIZE)),
-        np.empty(SIZE, dtype=np.int64),
-        np.empty((STAGES, SIZE)),
-        np.empty(SIZE),
-        np.empty(SIZE),
-    )
+def _find_ground(
+    ground: Ground,
+    surface: Surface,
+    patches: Floats,
+    outside_patches: TrackGround,
+    time: float,
+    yaw: float,
+    pose: Floats,
+    slope: Floats,
+) -> None:
+    """Set friction and rolling resistance under both tracks, and the ground's slope.
 
-
-@compiled
-def _step_error(y: Floats, room: StepRoom, tolerance: Tolerance) -> float:
-    """Complete the solution of a step, and compute its error over the tolerance, RMS.
-
-    The last stage is the difference from the embedded solution.
+    At a time [s], a pose (3,) and the yaw of the state [rad]. Without terrain the pose gets that yaw; the
+    slope (2,) is as in `GridMotion`.
     """
+    if not surface.present:
+        pose[2] = yaw
+    place = (pose[0], pose[1], pose[2])
+    under_tracks = TrackGround(ground.friction, ground.rolling_resistance)
+    look_up(patches, time, place, ground.half_gauge, outside_patches, under_tracks, slope)
+    if surface.present:
+        p_x, p_y = tilt(surface, patches, time, pose[0], pose[1])
+        forward, left, _ = gravity_on(p_x, p_y, pose[2])
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        slope[0] = cos * forward - sin * left
+        slope[1] = sin * forward + cos * left
+
+
+@compiled
+def _step_error(
+    before: Floats, after: Floats, difference: Floats, tolerance: float, scales: Floats
+) -> float:
+    """RMS error of a step over its tolerance, by the embedded solution's difference."""
     error = 0.0
     for row in range(SIZE):
-        room.trial[row] += room.stages[STAGES - 1, row]
-        largest = max(abs(y[row]), abs(room.trial[row]))
-        scale = tolerance.absolute[row] + tolerance.relative * largest
-        error += (room.stages[STAGES - 1, row] / scale) ** 2
+        largest = max(abs(before[row]), abs(after[row]))
+        allowed = tolerance * scales[row] + tolerance * largest
+        error += (difference[row] / allowed) ** 2
     return float(np.sqrt(error / SIZE))
 
 
@@ -281,20 +282,20 @@ def _rates(
     slope: Floats,
     y: Floats,
     V: tuple[float, float],
-    room: StepRoom,
+    forces: TrackForces,
+    rate: Floats,
 ) -> bool:
-    """Compute the rates of the state, in place; return True if the vehicle tips.
+    """Compute `forces` and `rate` (6,) of a state; return True if the vehicle tips.
 
-    `weight` is from `_weight_on_slope`. The rates are in `room.rate`, forces and derivatives of the
-    ground in `room.forces` and `room.jacobian`.
+    `weight` is from `_weight_on_slope`, `V` the speeds of the left and the right track [m/s].
     """
     v_x, v_y, w = y[0], y[1], y[2]
-    values, rate = room.forces, room.rate
+    values = forces.values
     values[:] = 0.0
-    room.jacobian[:] = 0.0
+    forces.jacobian[:] = 0.0
     ground, q_right, q_forward = vehicle.ground, y[FORCE_RIGHT], y[FORCE_FORWARD]
-    tips = point_loads(ground, weight, q_right, q_forward, room.loads)
-    add_track_forces(ground, (v_x, v_y, w), V, room.loads, values, room.jacobian)
+    tips = point_loads(ground, weight, q_right, q_forward, forces.loads)
+    add_track_forces(ground, (v_x, v_y, w), V, forces.loads, values, forces.jacobian)
     rate[FORCE_RIGHT] = (-values[0] - q_right) / vehicle.load_lag
     rate[FORCE_FORWARD] = (-values[1] - q_forward) / vehicle.load_lag
     rate[YAW] = w
@@ -312,10 +313,18 @@ def _rates(
 
 @compiled
 def _rate_derivatives(
-    vehicle: Vehicle, slope: Floats, y: Floats, speed_rate: tuple[float, float], room: StepRoom
+    vehicle: Vehicle,
+    slope: Floats,
+    y: Floats,
+    speed_rate: tuple[float, float],
+    jacobian: Floats,
+    by_state: Floats,
+    by_time: Floats,
 ) -> None:
-    """Compute derivatives of `_rates` by state (6, 6) and by time (6,), in place."""
-    jacobian, by_state, by_time = room.jacobian, room.by_state, room.by_time
+    """Compute derivatives of `_rates` by state (6, 6) and by time (6,), in place.
+
+    `speed_rate` are the accelerations of both tracks [m/s²], the Jacobian that of the ground's forces.
+    """
     by_state[:] = 0.0
     v_x, v_y, w = y[0], y[1], y[2]
     x, y_CM, _ = vehicle.ground.centre
@@ -396,15 +405,6 @@ def _advance(pose: Floats, before: Floats, after: Floats, step: float) -> None:
         cos, sin = np.cos(state[YAW]), np.sin(state[YAW])
         pose[0] += 0.5 * step * (cos * state[1] + sin * state[0])
         pose[1] += 0.5 * step * (sin * state[1] - cos * state[0])
-
-
-@compiled
-def _set_slope(gravity: tuple[float, float, float], yaw: float, slope: Floats) -> None:
-    """Set a slope (2,) for `_in_body`, from gravity in the axes of the body."""
-    forward, left, _ = gravity
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    slope[0] = cos * forward - sin * left
-    slope[1] = sin * forward + cos * left
 
 
 @compiled

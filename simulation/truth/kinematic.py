@@ -50,19 +50,19 @@ class KinematicTruth:
         vehicle = vehicle_constants(robot, "inertia")
         from icreckon.estimator.tracing.jit_kernel import entry
 
-        solved = np.empty((len(speeds), 3))
+        paper_twists = np.empty((len(speeds), 3))
         decay = float(np.exp(-1.0 / (rate * vehicle.load_lag)))
         values = parameters.as_array()
-        entry(lagged_twists)(np.ascontiguousarray(speeds), decay, values, vehicle, solved)
-        v_x, v_y = paper_to_rep103(solved[:, 0], solved[:, 1])
+        entry(lagged_twists)(np.ascontiguousarray(speeds), decay, values, vehicle, paper_twists)
+        v_x, v_y = paper_to_rep103(paper_twists[:, 0], paper_twists[:, 1])
         effective_gauge = robot.vehicle.track_gauge * parameters.eta0
         slip = slip_residual(speeds, TRUE_SLIP, effective_gauge, 1.0 / rate, rng)
-        twists = np.stack([v_x, v_y, solved[:, 2]], axis=-1) + self.slip_noise * slip
+        twists = np.stack([v_x, v_y, paper_twists[:, 2]], axis=-1) + self.slip_noise * slip
         return true_motion(rate, twists, speeds, self.name, parameters)
 
 
 def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:
-    """Draw index parameters: those of the robot, each times its own log-normal factor.
+    """Draw index parameters: the robot's, each multiplied by a log-normal factor.
 
     H stays as it is; eta0 is at least 1, since the ICRs of turning tracks lie outside them. `spread` is
     the standard deviation of the logarithm of each factor [-].

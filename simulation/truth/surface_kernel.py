@@ -213,10 +213,10 @@ def _normal(p_x: float, p_y: float) -> Vector:
 
 
 @compiled
-def _carry(vector: Vector, normal: Vector, other: Vector) -> Vector:
+def _carry(vector: Vector, normal: Vector, other_normal: Vector) -> Vector:
     """Turn a vector in a tangent plane by the smallest rotation between two normals."""
-    share = -_dot(other, vector) / (1.0 + _dot(normal, other))
-    (x, y, z), (n_x, n_y, n_z), (other_x, other_y, other_z) = vector, normal, other
+    share = -_dot(other_normal, vector) / (1.0 + _dot(normal, other_normal))
+    (x, y, z), (n_x, n_y, n_z), (other_x, other_y, other_z) = vector, normal, other_normal
     return x + share * (n_x + other_x), y + share * (n_y + other_y), z + share * (n_z + other_z)
 
 
@@ -261,5 +261,5 @@ def _inside(value: float, low: float, high: float, soft: float) -> float:
 
 @compiled
 def _blend(value: float, patch: float, share: float) -> float:
-    """Mix a value with that of a patch by its weight; a patch of NaN keeps the value."""
+    """Mix a value with a patch's value by the patch's weight; NaN keeps the value."""
     return value if np.isnan(patch) else value + share * (patch - value)

@@ -31,7 +31,7 @@ HEAVIEST = 1e6  # heaviest payload [kg]
 PATCH_WIDTH = 13  # numbers of a patch in the equations; `surface_kernel` lists them
 
 
-# Keys of `[terrain]` of which each needs one of others, and what the ground is without them.
+# Keys of `[terrain]` that act only together with one of other keys, and the ground without those.
 NEEDS = {
     "uphill_deg": (("slope_deg", "rolling_deg", "kerb_height"), "level ground has no direction"),
     "wavelength": (("rolling_deg",), "the ground does not roll"),
@@ -82,12 +82,11 @@ def refuse_idle_keys(terrains: Sequence[Terrain], given: Iterable[str], source: 
     """
     written = set(given)
     for key in sorted(written & set(NEEDS)):
-        others, without = NEEDS[key]
-        acts = any(getattr(terrain, other) for terrain in terrains for other in others)
-        if not (acts or written & set(others)):
-            *most, last = others
-            keys = f"{', '.join(most)} or {last}" if most else last
-            remedy = f"{without}: give {keys}, or leave it out"
+        needed, without = NEEDS[key]
+        is_used = any(getattr(terrain, other) for terrain in terrains for other in needed)
+        if not is_used and written.isdisjoint(needed):
+            names = " or ".join(needed)
+            remedy = f"{without}: give {names}, or leave it out"
             raise SimulationError(f"{source}: [terrain] {key} has no effect, {remedy}")
 
 
@@ -166,6 +165,7 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 def _require_rising(what: str, span: tuple[float, float]) -> None:
+    """Reject a span, named `what` in the message, whose end is not after its start."""
     low, high = span
     if not low < high:
         raise SimulationError(
@@ -268,8 +268,8 @@ def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Sur
 def loaded(body: Body, yaw_inertia: float, payloads: list[Payload]) -> tuple[Body, float]:
     """Body and yaw inertia of a vehicle with payloads; each payload is a point mass.
 
-    Moments of inertia [kg m²] are about the vertical through the centre of mass: that of the bare body,
-    and that of the returned one.
+    Moments of inertia [kg m²] are about the vertical through the centre of mass of the body, bare or
+    loaded.
     """
     masses = np.array([body.mass, *(payload.mass for payload in payloads)])
     centres = [(body.x_CM, body.y_CM, body.z_CM)]

@@ -1,4 +1,4 @@
-"""True motion, and what truth models make it with.
+"""True motion of a robot, and functions with which truth models make it.
 
 All speeds and poses are in REP-103 axes: `base_link` in `odom`, starting at the origin. The truths are
 `icreckon.simulation.truth.friction` (friction, the default) and `icreckon.simulation.truth.kinematic`;
@@ -162,9 +162,9 @@ def slip_residual(
     `slip` has their standard deviations by the track speeds (m, 2) [m/s], and their correlation time. The
     speeds have an even step [s]; the effective gauge is L eta0 [m].
     """
-    of_unit_variance = gauss_markov(len(speeds), step, slip.time_constant, rng)
+    unit_variance = gauss_markov(len(speeds), step, slip.time_constant, rng)
     sigmas = slip_components(speeds[:, 0], speeds[:, 1], slip, effective_gauge)
-    return np.stack(sigmas, axis=-1) * of_unit_variance
+    return np.stack(sigmas, axis=-1) * unit_variance
 
 
 def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) -> Floats:

@@ -13,8 +13,8 @@ from icreckon.simulation.contact.contact import (
     Body,
     Contact,
     ContactGeometry,
-    contact_points,
     equally_spaced,
+    ground,
 )
 
 GEOMETRY = equally_spaced(0.42, 0.39, 5)
@@ -90,8 +90,9 @@ forces = st.floats(-1e5, 1e5)
 
 @given(forces, forces, st.sampled_from([GEOMETRY, UNEVEN]))
 def test_loads_are_never_negative_and_carry_the_weight(right, forward, geometry):
-    loads = vertical_loads(Contact(Soil(), geometry, BODY), right, forward)
-    points, values = contact_points(geometry), loads.values[:, 0]
+    contact = Contact(Soil(), geometry, BODY)
+    loads, points = vertical_loads(contact, right, forward), ground(contact)
+    values = loads.values[:, 0]
     assert (values >= 0.0).all()
     assert values.sum() == pytest.approx(BODY.weight, rel=1e-9)
     x = BODY.x_CM + BODY.z_CM * right / BODY.weight
@@ -110,8 +111,8 @@ def test_loads_solve_the_complementarity_problem(right, forward):
     loads = vertical_loads(contact, right, forward)
     if loads.tipping[0]:
         return
-    points = contact_points(GEOMETRY)
-    pressure = loads.values[:, 0] / points.weight
+    points = ground(contact)
+    pressure = loads.values[:, 0] / points.share
     touching = pressure > 1e-7
     plane = np.stack([np.ones_like(points.x), points.x, points.y], axis=1)
     fitted, *_ = np.linalg.lstsq(plane[touching], pressure[touching], rcond=None)

@@ -9,37 +9,33 @@ MINE = make_robot(
     "mine",
     vehicle={"mass": 60.0, "track_gauge": 0.5, "sprocket_radius": 0.1, "half_contact_length": 0.3},
 )
-
-
-def test_a_file_with_what_is_required_only() -> None:
-    height, track = robot_remarks(MINE, "friction")
-    assert "the third number of centre_of_mass" in height
-    assert "effective track of 1.5" in track
-    assert "its file states 1.00" in track
+HIGH = changed_robot(MINE, {"vehicle.centre_of_mass": [0.0, 0.0, 0.3]})
+WIDE = {"indices.eta0": 1.57}
+HEIGHT, ETA0 = "the third number of centre_of_mass", "set eta0 = "
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("robot", "truth", "remarks"),
     [
-        ({"vehicle.centre_of_mass": [0.0, 0.0, 0.3]}, ["eta0"]),
-        ({"indices.eta0": 1.57}, ["centre of mass"]),
-        ({"vehicle.centre_of_mass": [0.0, 0.0, 0.3], "indices.eta0": 1.57}, []),
+        (MINE, "friction", [HEIGHT, ETA0]),
+        (HIGH, "friction", [ETA0]),
+        (changed_robot(MINE, WIDE), "friction", [HEIGHT]),
+        (changed_robot(HIGH, WIDE), "friction", []),
+        (load_robot("auriga-alpha"), "friction", []),
+        (MINE, "kinematic", []),
     ],
 )
-def test_what_is_set_is_not_remarked_on(changes: dict[str, object], words: list[str]) -> None:
-    found = robot_remarks(changed_robot(MINE, changes), "friction")
-    assert len(found) == len(words)
-    assert all(word in text for word, text in zip(words, found, strict=True))
-
-
-@pytest.mark.parametrize(
-    ("robot", "truth"), [(MINE, "kinematic"), (load_robot("auriga-alpha"), "friction")]
-)
-def test_only_where_friction_moves_a_robot_whose_file_lacks_it(robot: Robot, truth: str) -> None:
-    assert robot_remarks(robot, truth) == []
+def test_what_friction_needs_and_a_file_lacks_is_remarked_on(
+    robot: Robot, truth: str, remarks: list[str]
+) -> None:
+    found = robot_remarks(robot, truth)
+    assert len(found) == len(remarks)
+    assert all(remark in text for remark, text in zip(remarks, found, strict=True))
 
 
 def test_the_value_that_is_proposed_leaves_no_remark() -> None:
     (_, track) = robot_remarks(MINE, "friction")
-    proposed = float(track.partition("set eta0 = ")[2].split()[0])
+    assert "effective track of 1.5" in track
+    assert "its file states 1.00" in track
+    proposed = float(track.partition(ETA0)[2].split()[0])
     assert len(robot_remarks(changed_robot(MINE, {"indices.eta0": proposed}), "friction")) == 1

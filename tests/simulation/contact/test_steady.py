@@ -88,13 +88,13 @@ def test_rolling_resistance_parts_left_from_right_turns():
     assert epsilon[0] < 0.0 < epsilon[1]
 
 
-def test_what_does_not_converge_is_named(monkeypatch):
+def test_pairs_that_do_not_converge_are_an_error_unless_the_caller_is_not_strict(monkeypatch):
     monkeypatch.setattr(steady_state, "DIRECT_STEPS", 1)
     monkeypatch.setattr(steady_state, "FINAL_STEPS", 1)
     monkeypatch.setattr(steady_state, "SPEED_STEPS", (2,))
     monkeypatch.setattr(steady_state, "YAW_SHARES", (0.4,))
     monkeypatch.setattr(steady_state, "FORWARD_SHARES", (0.0,))
-    with pytest.raises(SimulationError, match=r"(?s)of 441 pairs.*\(-1, -0\.8\).*more"):
+    with pytest.raises(SimulationError, match=r"of 441 pairs .* worst at V_l = "):
         solve_steady(*track_speed_grid(), PAPER)
     motion = solve_steady(*track_speed_grid(), PAPER, strict=False)
     assert not motion.converged.all()

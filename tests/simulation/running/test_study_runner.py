@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 
 import msgspec
 import numpy as np
@@ -10,7 +10,6 @@ import pytest
 
 import study_stub
 from icreckon import SimulationError, run_study
-from icreckon.simulation.running.runner import MOST_TRIES
 from icreckon.simulation.running.store import jobs_of
 from icreckon.simulation.study.cells import expand
 from study_stub import STUDY, contents, install
@@ -127,7 +126,7 @@ def test_a_finished_study_is_not_worked_out_again(tmp_path, undisturbed):
     assert contents(folder) == undisturbed
 
 
-@pytest.mark.parametrize("damage", ["cut", "turned", "other", "shape", "flat"])
+@pytest.mark.parametrize("damage", ["cut", "turned", "other"])
 def test_a_damaged_block_is_worked_out_again(tmp_path, undisturbed, damage):
     folder = tmp_path / "undisturbed"
     block = sorted((folder / "blocks").iterdir())[1]
@@ -137,15 +136,9 @@ def test_a_damaged_block_is_worked_out_again(tmp_path, undisturbed, damage):
     elif damage == "turned":
         middle = len(whole) // 3
         block.write_bytes(whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :])
-    elif damage == "other":
-        with np.load(block) as data:
-            np.savez(block, **{**data, "digest": np.array("sha256:other")})
-    elif damage == "flat":
-        with np.load(block) as data:
-            np.savez(block, **{**data, "values": data["values"].ravel()})
     else:
         with np.load(block) as data:
-            np.savez(block, **{**data, "values": data["values"][:, :1]})
+            np.savez(block, **{**data, "digest": np.array("sha256:other")})
     told = []
     run_study(STUDY, folder, workers=1, report=told.append)
     assert told[0].found_blocks == 5
@@ -234,26 +227,14 @@ def test_what_is_no_study_is_left_alone(tmp_path, overwrite):
         run_study(STUDY, tmp_path / "file", overwrite=overwrite)
 
 
-def test_a_worker_that_dies_is_replaced(tmp_path, undisturbed, monkeypatch):
+def test_after_a_worker_has_died_the_same_command_goes_on(tmp_path, undisturbed, monkeypatch):
     deadly = tmp_path / "deadly"
     deadly.touch()
     monkeypatch.setenv(study_stub.DEADLY, str(deadly))
     processes = msgspec.structs.replace(STUDY, engine="stub-processes")
-    run_study(processes, tmp_path / "a", workers=2)
+    with pytest.raises(SimulationError, match="a worker died"):
+        run_study(processes, tmp_path / "a", workers=2)
     assert not deadly.exists()
+    run_study(processes, tmp_path / "a", workers=2)
     name = "results.parquet"
     assert contents(tmp_path / "a")[name] == undisturbed[name]
-
-
-class Dying(ThreadPoolExecutor):
-    """Every worker dies of its block."""
-
-    def submit(self, *_work):
-        future = Future()
-        future.set_exception(BrokenExecutor("gone"))
-        return future
-
-
-def test_a_block_that_kills_all_its_workers_is_given_up(tmp_path):
-    with pytest.raises(SimulationError, match=f"its worker died {MOST_TRIES} times.*gone"):
-        run_study(STUDY, tmp_path / "a", executor=Dying(1), workers=1)

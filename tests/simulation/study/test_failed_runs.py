@@ -25,7 +25,6 @@ from icreckon.simulation.study.statistics import statistics
 
 STUDY = msgspec.structs.replace(study_stub.STUDY, runs=4, truths=2)
 NAMES = [one.name for one in statistics(STUDY.horizons)]
-LOST = 7.0  # s
 
 
 @pytest.fixture(autouse=True)
@@ -37,13 +36,13 @@ Change = Callable[[Cell, list[str], int, RunScores], None]
 
 
 def let_blocks(monkeypatch: pytest.MonkeyPatch, change: Change) -> None:
-    """Let a function change what the stub finds of a cell and filters, from a run on."""
+    """Let a function change the stub's scores of a cell and filters, from a run on."""
     honest = study_stub.block
 
-    def block(of: Cell, filters: list[Filter], first_run: int, count: int) -> RunScores:
-        found = honest(of, filters, first_run, count)
-        change(of, [spec.label for spec in filters], first_run, found)
-        return found
+    def block(cell: Cell, filters: list[Filter], first_run: int, count: int) -> RunScores:
+        scores = honest(cell, filters, first_run, count)
+        change(cell, [spec.label for spec in filters], first_run, scores)
+        return scores
 
     monkeypatch.setattr(study_stub, "block", block)
 
@@ -51,28 +50,24 @@ def let_blocks(monkeypatch: pytest.MonkeyPatch, change: Change) -> None:
 def spoil(monkeypatch: pytest.MonkeyPatch, cell: int, label: str, **changes: float) -> None:
     """Let the stub return these statistics for run 2 of a cell and filter."""
 
-    def change(of: Cell, labels: list[str], first_run: int, found: RunScores) -> None:
+    def change(of: Cell, labels: list[str], first_run: int, scores: RunScores) -> None:
         if of.index == cell and label in labels and first_run == 0:
             for name, value in changes.items():
-                found.values[labels.index(label), 2, NAMES.index(name)] = value
+                scores.values[labels.index(label), 2, NAMES.index(name)] = value
 
     let_blocks(monkeypatch, change)
 
 
-def lose_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
-    """NaN in the pose of the first filter from 7 s on, in the lane of run 1."""
+def test_a_lost_filter_is_a_failed_run(tmp_path, monkeypatch):
     honest = study_batch.work_through_runs
 
     def losing(*given: Any, **named: Any) -> list[Worked]:
+        """Set the first filter's pose in the lane of run 1 to NaN from 7 s on."""
         worked = honest(*given, **named)
-        worked[0].estimates[round(LOST * 50.0) :, 0, 1] = np.nan
+        worked[0].estimates[round(7.0 * 50.0) :, 0, 1] = np.nan
         return worked
 
     monkeypatch.setattr(study_batch, "work_through_runs", losing)
-
-
-def test_a_lost_filter_is_a_failed_run(tmp_path, monkeypatch):
-    lose_side_by_side(monkeypatch)
     study = msgspec.structs.replace(STUDY, engine="batch", sweep=None)
     results = run_study(study, tmp_path / "a", workers=1)
     assert (results["failed"]["runs"], results["failed"]["of"]) == (1, 8)
@@ -84,10 +79,9 @@ def test_a_lost_filter_is_a_failed_run(tmp_path, monkeypatch):
     (lost,) = (row for row in rows if row["failed"])
     assert (lost["variant"], lost["run"], lost["failed"]) == ("constant-online", 1, reason)
     assert {lost[name] for name in NAMES} == {None}
-    overall = results["overall"]
     for name in ("final_position_error_m", "nis_gyro_mean", "rejected_total"):
-        assert overall["constant-online"][name]["n"] == 3
-        assert overall["inertia-online"][name]["n"] == 4
+        counts = [results["overall"][label][name]["n"] for label in STUDY.variants]
+        assert counts == [3, 4]
     assert failures(results)[1] == f"constant-online: 1 of 4 runs failed: {reason} (run 1)"
 
 
@@ -177,11 +171,11 @@ def test_the_command_writes_everything_and_exits_with_1_if_a_run_failed(
     if fails:
         spoil(monkeypatch, 0, "constant-online", nis_gyro_mean=-1.0)
     monkeypatch.setattr("icreckon.cli.study.load_study", lambda _: STUDY)
-    words: dict[str, Any] = dict.fromkeys(("runs", "engine"))
-    words |= dict.fromkeys(("list_studies", "wide", "overwrite"), False)
-    words |= {"study": "tiny", "out": tmp_path / "a", "workers": 1, "as_json": True}
+    options: dict[str, Any] = dict.fromkeys(("runs", "engine"))
+    options |= dict.fromkeys(("list_studies", "wide", "overwrite"), False)
+    options |= {"study": "tiny", "out": tmp_path / "a", "workers": 1, "as_json": True}
     with pytest.raises(typer.Exit) if fails else nullcontext() as left:
-        command(**words)
+        command(**options)
     assert left is None or left.value.exit_code == 1
     shown = capsys.readouterr()
     assert json.loads(shown.out) == results_in(tmp_path / "a")

@@ -30,8 +30,8 @@ def expanded(**more):
     return expand(Study(**{"name": "a", "scenario": SHORT, "variants": ("differential",)} | more))
 
 
-def swept(**grid):
-    return expanded(sweep=Sweep(grid=grid))
+def swept(*, filters_know_noise=False, **grid):
+    return expanded(sweep=Sweep(grid=grid), filters_know_noise=filters_know_noise)
 
 
 def test_a_grid_has_a_cell_for_each_combination_the_last_key_changing_fastest():
@@ -103,12 +103,6 @@ def test_a_latin_hypercube_has_one_point_in_each_layer_of_each_range():
     assert all(axis.sampled for axis in plan.axes)
 
 
-def test_there_are_twenty_true_motions_unless_told():
-    assert expanded(runs=5).cells[0].truths == 20
-    assert expanded(runs=500).cells[0].truths == 20
-    assert expanded(runs=500, truths=50).cells[0].truths == 50
-
-
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
@@ -131,6 +125,7 @@ def test_there_are_twenty_true_motions_unless_told():
         ({"sweep": {"latin": {"points": 3, "ranges": {"fix_rate": [2.0, 1.0]}}}}, "is larger"),
         ({"sweep": {"latin": {"points": 3, "ranges": {"fix_rate": [1, 2, "lag"]}}}}, "'log'"),
         ({"sweep": {"grid": MILLION}}, "more than 100000"),
+        ({"sweep": {"grid": {"outage": [5.0], "outages": [[[0.0, 4.0]]]}}}, "exclude each other"),
     ],
 )
 def test_what_a_study_may_not_say(wrong, told):
@@ -265,25 +260,14 @@ def test_terrain_without_what_it_belongs_to_is_refused_unless_that_is_swept() ->
 
 def test_a_switch_gives_filters_the_noise_that_is_swept() -> None:
     """Without it they have that of the robot file; keys of `filter` win in either case."""
-    sweep = Sweep(grid={"noise": ["consumer", "tactical"]})
+    grid = {"noise": ["consumer", "tactical"], "encoders.scale_difference_sigma": [0.03]}
+    of_file = load_robot("auriga-alpha")
     for knows in (False, True):
-        study = Study(name="told", sweep=sweep, filters_know_noise=knows)
-        sigmas = [cell.filters[0].robot.imu.gyro_bias_sigma for cell in expand(study).cells]
-        of_file = load_robot("auriga-alpha").imu.gyro_bias_sigma
-        assert sigmas == ([1.7e-2, 5e-5] if knows else [of_file] * 2)
-    own = Sweep(grid={"noise": ["consumer"], "filter.imu.gyro_bias_sigma": [0.1]})
-    (cell,) = expand(Study(name="told", sweep=own, filters_know_noise=True)).cells
-    assert cell.filters[0].robot.imu.gyro_bias_sigma == 0.1
-    assert cell.filters[0].robot.imu.gyro_noise_density == 1.7e-4
-
-
-def test_filters_that_know_the_noise_know_the_difference_of_the_scales() -> None:
-    sweep = Sweep(grid={"encoders.scale_difference_sigma": [0.03]})
-    (cell,) = expand(Study(name="told", sweep=sweep, filters_know_noise=True)).cells
-    assert cell.filters[0].robot.tracks.difference_sigma == 0.03
-
-
-def test_outage_and_outages_are_not_swept_together() -> None:
-    sweep = Sweep(grid={"outage": [20.0], "outages": [[[0.0, 40.0]]]})
-    with pytest.raises(SimulationError, match="outage and outages exclude each other"):
-        expand(Study(name="both", sweep=sweep))
+        cells = swept(filters_know_noise=knows, **grid).cells
+        sigmas = [cell.filters[0].robot.imu.gyro_bias_sigma for cell in cells]
+        assert sigmas == ([1.7e-2, 5e-5] if knows else [of_file.imu.gyro_bias_sigma] * 2)
+        tracks = cells[0].filters[0].robot.tracks
+        assert tracks.difference_sigma == (0.03 if knows else of_file.tracks.difference_sigma)
+    grid = {"noise": ["consumer"], "filter.imu.gyro_bias_sigma": [0.1]}
+    imu = swept(filters_know_noise=True, **grid).cells[0].filters[0].robot.imu
+    assert (imu.gyro_bias_sigma, imu.gyro_noise_density) == (0.1, 1.7e-4)

@@ -52,18 +52,25 @@ def runs():
     return stubbed(STUDY)
 
 
+def results_of(runs):
+    return study_results(runs, manifest(runs.plan, ENGINES["streaming"]), cell_summaries(runs))
+
+
+def names_of(study):
+    return [kind.name for kind in statistics(study.horizons)]
+
+
 @pytest.fixture(scope="module")
 def results(runs):
-    return study_results(runs, manifest(runs.plan, ENGINES["streaming"]), cell_summaries(runs))
+    return results_of(runs)
 
 
 @pytest.mark.parametrize(
     ("horizons", "reported"), [(HORIZONS, 30.0), ((5.0, 30.0, 20.0, 34.0), 34.0)]
 )
 def test_the_longest_horizon_that_somebody_asks_for_is_reported(horizons, reported):
-    runs = stubbed(msgspec.structs.replace(STUDY, horizons=horizons))
-    found = study_results(runs, manifest(runs.plan, ENGINES["streaming"]), cell_summaries(runs))
-    assert found["drift"] == DRIFT.format(reported)
+    results = results_of(stubbed(msgspec.structs.replace(STUDY, horizons=horizons)))
+    assert results["drift"] == DRIFT.format(reported)
 
 
 def test_runs_that_share_their_motion_count_as_one():
@@ -131,38 +138,37 @@ def test_the_statistics_of_a_run_are_those_of_the_scores():
     study = msgspec.structs.replace(STUDY, sweep=None, variants=("constant-online",))
     cell = expand(study).cells[0]
     log = study_log(cell, 0)
-    one = run(log, cell.filters[0].robot, "constant-online")
-    names = [one.name for one in statistics(cell.horizons)]
-    found = dict(zip(names, run_statistics(one, log, cell.horizons).tolist(), strict=True))
-    assert len(found) == len(names)
+    result = run(log, cell.filters[0].robot, "constant-online")
+    values = run_statistics(result, log, cell.horizons).tolist()
+    found = dict(zip(names_of(STUDY), values, strict=True))
     within = without_fixes(log.fixes.stamps, log.start, log.end, 10.0)
     assert len(within) == 1
-    segments = drift(one.trajectory.pose_series, log.truth.poses, 10.0, within=within)
-    assert found["drift_percent_10s"] == pytest.approx(segments.percent_mean, rel=1e-12)
+    segments = drift(result.trajectory.pose_series, log.truth.poses, 10.0, within=within)
+    errors = result.trajectory.poses - log.truth.poses.poses
+    position, velocities = np.hypot(*errors[:, :2].T), velocity_errors(result.trajectory, log.truth)
+    nees = pose_nees(result.trajectory, log.truth.poses)
+    expected = {
+        "drift_percent_10s": segments.percent_mean,
+        "final_position_error_m": position[-1],
+        "final_yaw_error_rad": abs(errors[-1, 2]),
+        "position_rmse_m": np.sqrt((position**2).mean()),
+        "rmse_w_rad_s": np.sqrt((velocities[:, 2] ** 2).mean()),
+        "nees_pose_mean": nees.mean(),
+        "nees_pose_end": nees[-1],
+        "nis_gyro_mean": result.health.sensors["gyro"].nis_per_degree,
+        "rejected_total": sum(result.health.rejections().values()),
+    }
+    assert {name: found[name] for name in expected} == pytest.approx(expected, rel=1e-9)
     assert found["yaw_drift_deg_per_m"] > 0.0
     assert np.isnan(found["drift_percent_60s"])
-    errors = one.trajectory.poses - log.truth.poses.poses
-    assert found["final_position_error_m"] == pytest.approx(np.hypot(*errors[-1, :2]), rel=1e-12)
-    assert found["final_yaw_error_rad"] == pytest.approx(abs(errors[-1, 2]), rel=1e-9)
-    assert found["position_rmse_m"] == pytest.approx(
-        np.sqrt((errors[:, :2] ** 2).sum(axis=1).mean()), rel=1e-12
-    )
-    velocities = velocity_errors(one.trajectory, log.truth)
-    rmse_w = np.sqrt((velocities[:, 2] ** 2).mean())
-    assert found["rmse_w_rad_s"] == pytest.approx(rmse_w, rel=1e-12)
-    nees = pose_nees(one.trajectory, log.truth.poses)
-    assert found["nees_pose_mean"] == pytest.approx(nees.mean(), rel=1e-12)
-    assert found["nees_pose_end"] == nees[-1]
     assert 0.1 < found["nees_velocity_mean"] < 10.0
-    assert found["nis_gyro_mean"] == one.health.sensors["gyro"].nis_per_degree
-    assert found["rejected_total"] == sum(one.health.rejections().values())
 
 
 def test_parquet_has_a_row_for_each_cell_variant_and_statistic(runs):
     from pyarrow import parquet
 
     found = parquet.read_table(io.BytesIO(results_parquet(runs, cell_summaries(runs)))).to_pylist()
-    names = [one.name for one in runs.statistics]
+    names = names_of(STUDY)
     assert len(found) == 6 * 2 * len(names)
     keys = [(row["cell"], row["variant"], row["statistic"]) for row in found]
     assert len(set(keys)) == len(keys)
@@ -186,7 +192,7 @@ def test_parquet_has_a_row_for_each_run(runs):
     assert len(found) == 6 * 2 * 12
     at = ("cell", "variant", "run")
     (row,) = (row for row in found if [row[one] for one in at] == [4, "inertia-online", 7])
-    names = [one.name for one in runs.statistics]
+    names = names_of(STUDY)
     assert row["true_motion"] == 1
     assert row["nees_pose_mean"] == runs.values[1, 4, 7, names.index("nees_pose_mean")]
 
@@ -197,7 +203,7 @@ def test_results_hold_every_cell_and_the_effect_of_every_axis(runs, results):
     factor, noise = told["effects"]
     assert [group["cells"] for group in factor["groups"]] == [[0, 1], [2, 3], [4, 5]]
     assert [group["cells"] for group in noise["groups"]] == [[0, 2, 4], [1, 3, 5]]
-    names = [one.name for one in runs.statistics]
+    names = names_of(STUDY)
     column = names.index("drift_percent_30s")
     mean = noise["groups"][1]["variants"]["inertia-online"]["drift_percent_30s"]["mean"]
     assert mean == pytest.approx(runs.values[1, [1, 3, 5], :, column].mean(), rel=1e-12)
@@ -284,9 +290,7 @@ def test_a_cell_of_large_drift_does_not_decide(runs):
     values[1] = 0.5
     values[0, -1], values[1, -1] = 30.0, 36.0
     made = Runs(plan, values, np.full(values.shape[:3], "", dtype=object))
-    typical = study_results(made, manifest(plan, ENGINES["streaming"]), cell_summaries(made))[
-        "typical"
-    ]
+    typical = results_of(made)["typical"]
     expected = (0.5 ** (cells - 1) * 1.2) ** (1.0 / cells)
     label = plan.labels[1]
     assert typical[label]["ratio"] == pytest.approx(expected)
@@ -294,23 +298,24 @@ def test_a_cell_of_large_drift_does_not_decide(runs):
     assert typical[plan.labels[0]]["ratio"] == 1.0
 
 
-def test_a_large_nees_by_untold_noise_is_explained_where_it_stands(results):
+@pytest.mark.parametrize(
+    ("grid", "knows", "noise_is_named"),
+    [
+        ({"noise": ["consumer", "tactical"]}, False, True),
+        ({"encoders.resolution": [0.001, 0.005]}, False, False),
+        ({"noise": ["consumer", "tactical"]}, True, False),
+    ],
+)
+def test_a_large_nees_is_explained_where_it_stands(results, grid, knows, noise_is_named):
     changed = copy.deepcopy(results)
+    changed["configuration"] = {"sweep": {"grid": grid}, "filters_know_noise": knows}
     name = changed["variants"][0]
-    changed["configuration"] = {"sweep": {"grid": {"noise": ["consumer", "tactical"]}}}
     changed["cells"][0]["variants"][name]["nees_pose_end"] |= {"mean": 125.0}
     table = summary_tables(changed)[0]
     assert any(cell.startswith("125") and cell.endswith(" *") for row in table.rows for cell in row)
     (note,) = [line for line in notes(changed) if line.startswith("*")]
-    assert "whatever noise is" in note
-    changed["configuration"]["sweep"]["grid"] = {"encoders.resolution": [0.001, 0.005]}
-    (note,) = [line for line in notes(changed) if line.startswith("*")]
-    assert "whatever" not in note
-    changed["configuration"]["sweep"]["grid"] = {"noise": ["consumer", "tactical"]}
-    changed["configuration"]["filters_know_noise"] = True
-    (note,) = [line for line in notes(changed) if line.startswith("*")]
     assert "Slopes" in note
-    assert "filters_know_noise" not in note
+    assert ("whatever noise is" in note) == ("filters_know_noise" in note) == noise_is_named
 
 
 def test_a_grid_has_the_drift_of_each_cell(results, monkeypatch):
@@ -346,10 +351,9 @@ def test_every_shape_of_study_has_tables_figures_and_a_page(changes, known, monk
     runs = stubbed(msgspec.structs.replace(STUDY, **changes))
     if not known:
         runs.values[:] = np.nan
-    found = cell_summaries(runs)
-    results = study_results(runs, manifest(runs.plan, ENGINES["streaming"]), found)
+    results = results_of(runs)
     study_page(results, study_figures(results))
-    assert results_parquet(runs, found)
+    assert results_parquet(runs, cell_summaries(runs))
     again = json.loads(as_json(results))
     assert headline(again) == headline(results)
     assert summary_tables(again) == summary_tables(results)
@@ -359,7 +363,7 @@ def test_variants_and_cells_of_the_same_results_are_named() -> None:
     runs = stubbed(STUDY)
     runs.values[1] = runs.values[0]
     runs.values[:, 3] = runs.values[:, 0]
-    results = study_results(runs, manifest(runs.plan, ENGINES["streaming"]), cell_summaries(runs))
+    results = results_of(runs)
     variants, cells = [["constant-online", "inertia-online"]], [[0, 3]]
     assert results["alike"] == {"variants": variants, "cells": cells}
     first, second = same_results(results)

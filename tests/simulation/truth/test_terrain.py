@@ -202,10 +202,8 @@ def test_a_patch_of_a_slope_lies_over_the_terrain() -> None:
     np.testing.assert_allclose(over.poses, alone.poses, atol=1e-9)
     # Where it ends, the ground around it goes on.
     half = run(ROUGH, patches=(msgspec.structs.replace(hill, time=(-1.0, 10.0)),)).motion
-    bare = run(ROUGH).motion
     np.testing.assert_allclose(half.gravity[:1900], over.gravity[:1900], atol=1e-9)
     assert np.abs(half.gravity[-1] - over.gravity[-1]).max() > 0.1
-    assert bare.gravity is not None
     np.testing.assert_allclose(np.linalg.norm(half.gravity, axis=1), GRAVITY, rtol=1e-12)
 
 
@@ -232,25 +230,13 @@ def test_a_kerb_pitches_the_vehicle_up_for_about_its_length() -> None:
     ("values", "message"),
     [
         ({"slope_deg": -1.0}, "slope_deg of the terrain must be between 0 and 60 degrees"),
-        ({"rolling_deg": 31.0}, "rolling_deg of the terrain must be between 0 and 30 degrees"),
-        ({"kerb_every": 0.0}, "kerb_every of the terrain must be a positive"),
         ({"slope_deg": "steep"}, "slope_deg of a Terrain: Expected `float`, got `str`"),
-    ],
-)
-def test_bad_terrain_is_refused(values: dict[str, Any], message: str) -> None:
-    with pytest.raises(SimulationError, match=message):
-        Terrain(**values)
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
         ({"kerb_height": 0.5}, "kerb_height of the terrain must be at most 0.231 m"),
         ({"rolling_deg": 20.0, "wavelength": 0.5}, "wavelength of the terrain must be at least"),
         ({"kerb_height": 0.1, "kerb_every": 0.5}, "kerb_every of the terrain must be at least"),
         ({"slope_deg": 25.0, "uphill_deg": 90.0}, "the vehicle tips over"),
     ],
 )
-def test_ground_that_the_vehicle_cannot_take_is_refused(values, message):
+def test_terrain_that_is_invalid_or_too_rough_is_refused(values, message):
     with pytest.raises(SimulationError, match=message):
         run(Terrain(**values), duration=4.0)
