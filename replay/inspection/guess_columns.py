@@ -1,7 +1,7 @@
 """Guess of the column map of an unknown table, by the names of its columns."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +29,6 @@ BARE = re.compile(
 )
 # Last words of the names of a pose.
 POSE_NAMES = [re.compile(rf"(?:^|[_.])(?:{one})$") for one in ("t?x", "t?y", "yaw|heading|theta")]
-PLACE_IN_PARTS = re.compile(r"(?:^|[_.])t?[xy]_[cm]m$")  # names of positions in mm and cm
 # Names of a file of poses that nobody measured apart from the robot's own sensors.
 ESTIMATED = re.compile(r"odom|wheel|encoder|ekf|ukf|fused|filter|estimat|predict|reckon")
 SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
@@ -53,24 +52,24 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
     and no other stream, as of a total station. Columns of commands are skipped. `time_column` is used
     where a table has it; a table without a time is skipped.
     """
-    main: tuple[str, TimeUnit] | None = None
+    main: _Time | None = None
     tracks, fixes, truth = None, None, None
-    of_imu: dict[_Time, list[str]] = {}
+    imu_names: dict[_Time, list[str]] = {}
     for table in tables:
         table_time = time_column_of(table, time_column)
         if table_time is None:
             continue
         unit = _time_unit(table, table_time)
-        main = main or (table_time, unit)
+        main = main or _Time(table_time, unit)
         # A stream states its time only where that is not the main one.
-        main_time, main_unit = main
         time = _Time(
-            None if table_time == main_time else table_time, None if unit == main_unit else unit
+            None if table_time == main.time else table_time,
+            None if unit == main.time_unit else unit,
         )
-        numbers = [column.name for column in table.columns if column.is_number]
-        names = [name for name in numbers if name != table_time]
         stem = table.path.stem
-        true_names = [k for k in names if naming.is_truth(stem) or naming.is_truth(k)]
+        names = [column.name for column in table.columns if column.is_number]
+        names = [name for name in names if name != table_time]
+        true_names = [name for name in names if naming.is_truth(stem) or naming.is_truth(name)]
         measured = [k for k in names if k not in true_names and not naming.is_command(k)]
         own_tracks = _tracks(measured, time, table)
         has_others = own_tracks or naming.imu_keys(measured) or naming.fix_keys(measured)
@@ -82,38 +81,18 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         # Bare axes have the name of the file before them, as in "Gyroscope.x". The last name of an axis
         # counts: those of the first table come last.
         full = [f"{stem}.{name}" if name in {*"xyz"} else name for name in measured]
-        of_imu[time] = [*_with_gravity(full, table), *of_imu.get(time, [])]
+        imu_names[time] = [*_with_gravity(full, table), *imu_names.get(time, [])]
         # On the globe: x and y could be odometry instead.
         if fixes is None and (keys := naming.fix_keys(measured)):
             fixes = PoseColumns(**keys, **time._asdict())
         truth = truth or _truth(true_names, time)
-    imus = (
-        ImuColumns(**keys, **time._asdict())
-        for time, names in of_imu.items()
-        if (keys := naming.imu_keys(names))
-    )
-    return None if main is None else ColumnMap(*main, tracks, next(imus, None), fixes, truth)
-
-
-def unused_columns(tables: Sequence[Table], columns: ColumnMap | None) -> Iterator[str]:
-    """Findings on wheels like those of the mapping, and positions, that it lacks."""
-    if columns is None:
-        return
-    names = {column.name for table in tables for column in table.columns if column.is_number}
-    if columns.tracks is not None and (used := columns.tracks.left):
-        wheels = [
-            name
-            for name in sorted(names - {*used, *columns.tracks.right})
-            if naming.is_of_wheel(name)
-            and naming.unit_of(name, "m/s") == naming.unit_of(used[0], "m/s")
-            and not naming.is_truth(name)
-        ]
-        if len(wheels) > 1:
-            yield f"tracks: {', '.join(wheels)} not used; left and right take all wheels of a side"
-    if columns.truth is None:
-        places = [name for name in names if PLACE_IN_PARTS.search(name.lower())]
-        if places:
-            yield f"positions not used: {', '.join(sorted(places))}; a truth is in metres"
+    if main is None or main.time is None:
+        return None
+    imu = None
+    for time, names in imu_names.items():
+        if imu is None and (keys := naming.imu_keys(names)):
+            imu = ImuColumns(**keys, **time._asdict())
+    return ColumnMap(main.time, main.time_unit or "s", tracks, imu, fixes, truth)
 
 
 def _with_gravity(names: Sequence[str], table: Table) -> list[str]:

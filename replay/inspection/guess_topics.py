@@ -3,10 +3,8 @@
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import partial
 from itertools import product
-from re import Pattern
 
 import numpy as np
-from msgspec.structs import replace
 
 from icreckon.replay.bags import message_types as ros
 from icreckon.replay.inspection.topic_survey import Survey
@@ -44,15 +42,15 @@ def guess_topics(surveys: Iterable[Survey], fixes: str | None = None) -> TopicMa
     Another Imu with an orientation but no rates is a heading. Poses are the truth if the topic is named
     so, otherwise fixes. Streams that were not found are None.
     """
-    recorded = sorted((one for one in surveys if one.recorded), key=lambda one: one.channel.topic)
-    others = robots(recorded)[1:]
-    recorded = [one for one in recorded if _first_of(one.channel.topic) not in others]
+    recorded = sorted((s for s in surveys if s.recorded), key=lambda s: s.channel.topic)
+    other_robots = robots(recorded)[1:]
     by_topic = {survey.channel.topic: survey for survey in recorded}
+    by_topic = {k: one for k, one in by_topic.items() if _namespace_of(k) not in other_robots}
     truths = {topic: survey for topic, survey in by_topic.items() if naming.is_truth(topic)}
-    sensors = {topic: survey for topic, survey in by_topic.items() if not naming.is_truth(topic)}
+    sensors = {topic: survey for topic, survey in by_topic.items() if topic not in truths}
     tracks, heading = _tracks(sensors), _heading(sensors)
-    names_of_tracks = (tracks.topic, *tracks.left) if tracks else ()
-    imu = _imu(sensors, {*map(_first_of, names_of_tracks)})
+    track_names = (tracks.topic, *tracks.left) if tracks else ()
+    imu = _imu(sensors, {*map(_namespace_of, track_names)})
     if tracks:
         del sensors[tracks.topic]  # an odometry that gives track speeds is no fix, too
     if fixes in by_topic:
@@ -63,46 +61,54 @@ def guess_topics(surveys: Iterable[Survey], fixes: str | None = None) -> TopicMa
 def robots(surveys: Iterable[Survey]) -> list[str]:
     """Namespaces of several robots in one bag; none for the topics of one robot.
 
-    Each has an IMU and wheels on topics of the same names.
+    Each robot has an IMU and wheels, on topics of the same names within its namespace.
     """
     by_namespace: dict[str, dict[str, Survey]] = {}
     for survey in surveys:
-        by_namespace.setdefault(_first_of(survey.channel.topic), {})[survey.channel.topic] = survey
-    found: dict[tuple[str, str], list[str]] = {}
+        by_namespace.setdefault(_namespace_of(survey.channel.topic), {})[survey.channel.topic] = (
+            survey
+        )
+    namespaces_by_names: dict[tuple[str, str], list[str]] = {}
     for namespace in sorted(by_namespace.keys() - {""}):
         tracks, imu = _tracks(by_namespace[namespace]), _imu(by_namespace[namespace])
         if tracks and imu:
             names = tracks.topic.replace(namespace, "", 1), imu.topic.replace(namespace, "", 1)
-            found.setdefault(names, []).append(namespace)
-    most = max(found.values(), key=len, default=[])
-    return most if len(most) > 1 else []
+            namespaces_by_names.setdefault(names, []).append(namespace)
+    alike = max(namespaces_by_names.values(), key=len, default=[])
+    return alike if len(alike) > 1 else []
 
 
-def _first_of(name: str) -> str:
-    """First of several names, as r1 of /r1/odom; "" if there is one name."""
+def _namespace_of(name: str) -> str:
+    """Namespace of a topic or joint, as r1 of /r1/odom; "" if there is none."""
     first, _, rest = name.lstrip("/").partition("/")
     return first if rest else ""
 
 
 def _tracks(surveys: Surveys) -> TrackTopic | None:
     """Guess the track speeds: the first that a guess finds, the surest guess first."""
-    named, numbered = (partial(_wheel_fields, are_named=one) for one in (True, False))
-    guesses = _joints, _topic_pair, named, _odometry, _driver_pair, numbered, _twist_fields
+    named_wheels = partial(_wheel_fields, are_named=True)
+    numbered_wheels = partial(_wheel_fields, are_named=False)
     measured = {topic: one for topic, one in surveys.items() if not naming.is_command(topic)}
-    return next(filter(None, (guess(measured) for guess in guesses)), None)
+    for guess in (
+        _joints, _topic_pair, named_wheels, _odometry, _driver_pair, numbered_wheels, _twist_fields
+    ):  # fmt: skip
+        if (tracks := guess(measured)) is not None:
+            return tracks
+    return None
 
 
 def _joints(surveys: Surveys) -> TrackTopic | None:
     """Guess a JointState with joints of both sides, by velocities before positions."""
     units: dict[str, TrackUnit] = {"velocity": "rad/s", "position": "rad"}
-    for (topic, survey), values in product(_of_types(surveys, ros.JOINT_STATE).items(), units):
-        states = survey.messages
-        joints = [list(one.name) for one in states if len(getattr(one, values)) == len(one.name)]
+    for (topic, survey), field in product(_of_types(surveys, ros.JOINT_STATE).items(), units):
+        # Messages that have this field for each of their joints.
+        states = [one for one in survey.messages if len(getattr(one, field)) == len(one.name)]
+        joints = [list(state.name) for state in states]
         # Some drivers publish each wheel in a message of its own.
         all_joints = list(dict.fromkeys(name for names in joints for name in names))
         for left, right in map(naming.sides, (*joints, all_joints)):
             if left and right and not {*left} & {*right}:
-                return TrackTopic(topic, left=left, right=right, unit=units[values])
+                return TrackTopic(topic, left=left, right=right, unit=units[field])
     return None
 
 
@@ -131,10 +137,11 @@ def _topic_pair(surveys: Surveys) -> TrackTopic | None:
         topics = {topic: topic for topic in numbers if may_be_a_side(numbers[topic])}
         found = naming.wheel_sides(topics)
         if found is not None and found.likelihood.are_named:
-            pair = TrackTopic(found.left[0], found.right[0], left=("data",), right=("data",))
+            left, right = found.left[0], found.right[0]
+            unit = naming.unit_of(left, unknown="rad/s")
             if "Int" in kind:
-                return replace(pair, unit="counts", counts_per_turn=ANY_COUNTS, wrap=wrap)
-            return replace(pair, **naming.unit_of(pair.topic, unknown="rad/s"))
+                unit = {"unit": "counts", "counts_per_turn": ANY_COUNTS, "wrap": wrap}
+            return TrackTopic(left, right, left=("data",), right=("data",), **unit)
     return None
 
 
@@ -150,14 +157,15 @@ def _driver_pair(surveys: Surveys) -> TrackTopic | None:
             fields += [path for path in paths if path in ("data", "value")]
         found = naming.wheel_sides({topic: topic for topic in topics}, context="wheel")
         if fields and found is not None and (found.likelihood.are_named or len(found.left) == 1):
-            pair = TrackTopic(found.left[0], found.right[0], left=(fields[0],), right=(fields[0],))
-            name = f"{pair.topic} {fields[0]}" if fields[0] in ("data", "value") else fields[0]
-            return replace(pair, **naming.unit_of(name, unknown="m/s"))
+            field, topic = fields[0], found.left[0]
+            named = f"{topic} {field}" if field in ("data", "value") else field
+            unit = naming.unit_of(named, unknown="m/s")
+            return TrackTopic(topic, found.right[0], left=(field,), right=(field,), **unit)
     return None
 
 
 def _wheel_fields(surveys: Surveys, *, are_named: bool) -> TrackTopic | None:
-    """Guess the likeliest topic with fields of wheels, if its sides are as wanted."""
+    """Guess the likeliest topic with fields of wheels, if names show its sides or not."""
     candidates = []
     for topic, survey in surveys.items():
         is_array = survey.channel.msgtype.endswith("MultiArray")
@@ -165,15 +173,14 @@ def _wheel_fields(surveys: Surveys, *, are_named: bool) -> TrackTopic | None:
             continue
         paths = _paths(survey)
         names = {path: f"{path} {text}".strip() for path, text in paths.items()}
-        if (found := naming.wheel_sides(names, topic)) is None:
-            continue
-        unit = naming.unit_of(topic if is_array else names[found.left[0]], unknown="m/s")
-        track = TrackTopic(topic, left=found.left, right=found.right)
-        candidates.append((found, replace(track, **unit)))
+        if (found := naming.wheel_sides(names, topic)) is not None:
+            unit = naming.unit_of(topic if is_array else names[found.left[0]], unknown="m/s")
+            tracks = TrackTopic(topic, left=found.left, right=found.right, **unit)
+            candidates.append((found.likelihood, tracks))
     if not candidates:
         return None
-    found, tracks = max(candidates, key=lambda one: one[0].likelihood)
-    return tracks if found.likelihood.are_named == are_named else None
+    likelihood, tracks = max(candidates, key=lambda candidate: candidate[0])
+    return tracks if likelihood.are_named == are_named else None
 
 
 def _twist_fields(surveys: Surveys) -> TrackTopic | None:
@@ -223,8 +230,9 @@ def _measures_forces(survey: Survey) -> bool:
 def _heading(surveys: Surveys) -> HeadingTopic | None:
     """Guess an Imu topic with an orientation but no rates, as of two antennas."""
     for topic, survey in _of_types(surveys, ros.IMU).items():
-        samples = [] if _measures_rates(survey) else survey.messages
-        oriented = [sample for sample in samples if sample.orientation_covariance[0] != ABSENT]
+        if _measures_rates(survey):
+            continue
+        oriented = [one for one in survey.messages if one.orientation_covariance[0] != ABSENT]
         if any(abs(sample.orientation.z) > 0.0 for sample in oriented):
             has_sigma = any(sample.orientation_covariance[8] > 0.0 for sample in oriented)
             return HeadingTopic(topic, sigma=None if has_sigma else naming.PLACEHOLDER_SIGMA)
@@ -236,31 +244,21 @@ def _imu(surveys: Surveys, namespaces: Collection[str] = ()) -> ImuTopic | None:
     imus = _of_types(surveys, ros.IMU)
     counts = {topic: len(one.recorded) for topic, one in imus.items() if _measures_rates(one)}
     if counts:
-        topic = max(counts, key=lambda topic: (_first_of(topic) in namespaces, counts[topic]))
-        apart = (one for one in imus if one not in counts and _measures_forces(imus[one]))
-        return ImuTopic(topic, None if _measures_forces(imus[topic]) else next(apart, None))
-    of_topics = ((topic, naming.imu_keys([*_paths(survey)])) for topic, survey in _special(surveys))
-    found = {k: keys for k, keys in of_topics if keys and len(keys["angular_velocity"]) == 3}
-    if found:
-        topic = max(found, key=lambda topic: (len(found[topic]["linear_acceleration"]), topic))
-        return ImuTopic(topic, **found[topic])
-    gyro, accelerometer = (_vectors(surveys, one) for one in (naming.GYRO, naming.ACCELEROMETER))
-    if gyro is None:
+        topic = max(counts, key=lambda k: (_namespace_of(k) in namespaces, counts[k]))
+        forces_topic = None
+        if not _measures_forces(imus[topic]):
+            others = (k for k in imus if k not in counts and _measures_forces(imus[k]))
+            forces_topic = next(others, None)
+        return ImuTopic(topic, forces_topic)
+    candidates = {}
+    for topic, survey in _special(surveys):
+        keys = naming.imu_keys([*_paths(survey)])
+        if keys and len(keys["angular_velocity"]) == 3:
+            candidates[topic] = keys
+    if not candidates:
         return None
-    forces_topic, forces = accelerometer or (None, ())
-    return ImuTopic(gyro[0], forces_topic, angular_velocity=gyro[1], linear_acceleration=forces)
-
-
-def _vectors(surveys: Surveys, pattern: Pattern[str]) -> tuple[str, tuple[str, ...]] | None:
-    """Guess a topic with one vector, by its name, and the fields of that."""
-    for topic, survey in surveys.items():
-        if survey.channel.msgtype == ros.VECTOR or is_special(survey):
-            ends = {path: path.rpartition(".")[2] for path in _paths(survey)}
-            names = {f"{topic}_{end}": path for path, end in ends.items() if end in {*"xyz"}}
-            axes = naming.axes_of([*names], pattern)
-            if len(axes) == len("xyz") and not naming.is_command(topic):
-                return topic, tuple(names[axis] for axis in axes)
-    return None
+    topic = max(candidates, key=lambda k: (len(candidates[k]["linear_acceleration"]), k))
+    return ImuTopic(topic, **candidates[topic])
 
 
 def unused_topics(surveys: Collection[Survey], mapping: TopicMap) -> Iterator[str]:

@@ -20,12 +20,12 @@ from icreckon.replay.estimates.imu_mounting import Mounting
 from icreckon.replay.estimates.track_by_rate import TrackByRate
 from icreckon.replay.inspection import static_frames, topic_survey
 from icreckon.replay.inspection.findings import findings, missing_tracks
-from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of, unused_columns
+from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of
 from icreckon.replay.inspection.guess_topics import guess_topics, unused_topics
 from icreckon.replay.inspection.log_estimates import NO_SIZES, Sizes, log_estimates, with_keys
 from icreckon.replay.inspection.robot_file import robot_file_text
 from icreckon.replay.mapping.columns import ColumnMap
-from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap
+from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.reading.gather import as_paths, first_path
 from icreckon.replay.reading.tables import Table
 
@@ -101,7 +101,7 @@ def inspect(
     for table in tables:
         reports += _column_reports(table, mapping.columns)
     found += [] if mapping.track_keys else [missing_tracks(surveys.values())]
-    found += [*unused_topics(surveys.values(), mapping), *unused_columns(tables, mapping.columns)]
+    found += unused_topics(surveys.values(), mapping)
     return Inspection(
         path=first,
         duration=_duration(surveys.values(), log if tables else None),
@@ -143,20 +143,6 @@ def _topic_reports(
             repeated[mapping.imu.topic] = float((rows[1:] == rows[:-1]).all(axis=1).mean())
     topics = {survey.channel.topic: survey for survey in surveys}
     return [topics[topic].report(repeated.get(topic)) for topic in sorted(topics)]
-
-
-def guess_mapping(
-    path: Path | str | Sequence[Path | str], *, definitions: Definitions = ()
-) -> TopicMap | None:
-    """Guess the topics of bags; None for tables, and for bags with their own mapping.
-
-    Raises:
-        ReplayError: no such file, or nothing of it is readable.
-    """
-    surveys, _, tables = _survey_files(as_paths(path), definitions)
-    if tables or any(topic == MAPPING_TOPIC for topic, _ in surveys):
-        return None
-    return guess_topics(surveys.values())
 
 
 def _survey_files(

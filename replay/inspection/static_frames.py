@@ -63,20 +63,25 @@ def unplaced(surveys: Collection[Survey], mounts: Mapping[str, Mount], imu: str)
 
 
 def with_static_yaw(mounting: Mounting, mount: Mount, log: Log) -> Mounting | None:
-    """Mounting with what the log does not show of it; None if the log contradicts it."""
+    """Mounting with the static transform's yaw, or all of its angles if none are known.
+
+    None if the log contradicts the transform.
+    """
     imu = log.imu
     if not mounting.up_shown_by or imu is None:
         angles = matrix_to_rpy(mount.rotation)
         return replace(mounting, rotation_rpy_deg=_degrees(angles), yaw_shown_by=STATIC)
     roll, pitch, _ = np.radians(mounting.rotation_rpy_deg)
     turn = mount.rotation @ rpy_to_matrix(roll, pitch, 0.0).T
+    if turn[2, 2] < np.cos(MOST_TILT):
+        return None
     yaw = float(np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1]))
-    found = replace(mounting, rotation_rpy_deg=_degrees((roll, pitch, yaw)), yaw_shown_by=STATIC)
-    off = None
+    with_yaw = replace(mounting, rotation_rpy_deg=_degrees((roll, pitch, yaw)), yaw_shown_by=STATIC)
     if mounting.up_shown_by == "gravity" and imu.linear_acceleration is not None:
         horizontal = imu.linear_acceleration @ rpy_to_matrix(roll, pitch, yaw)[:2].T
-        off = forward_yaw(log.tracks, imu.stamps, horizontal, vertical_rate(imu, found))
-    return None if off or turn[2, 2] < np.cos(MOST_TILT) else found
+        if forward_yaw(log.tracks, vertical_rate(imu, with_yaw), horizontal):
+            return None
+    return with_yaw
 
 
 def contradiction(mounting: Mounting, mount: Mount) -> str:

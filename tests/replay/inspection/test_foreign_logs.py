@@ -7,6 +7,20 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from test_robot_messages import (
+    LEFT,
+    RADIUS,
+    RIGHT,
+    SECONDS,
+    SPEED,
+    START,
+    STEP,
+    TRACK,
+    TURN,
+    YAW,
+    X,
+    Y,
+)
 
 from bag_messages import T, header, imu, joints, odometry, pose_stamped, robot_with, write_bag
 from icreckon import ReplayError, check_robot, inspect, load_robot, read_log, write_log
@@ -17,15 +31,6 @@ from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.tables import are_parts
 
-START, STEP = 1_700_000_000_000_000_000, 50_000_000
-SECONDS = np.arange(0.0, 60.0, 0.05)
-TURN = 0.6 * np.sin(0.4 * SECONDS)
-SPEED = np.where(SECONDS > 5.0, 0.5 + 0.2 * np.sin(1.3 * SECONDS), 0.0)
-TURN[SECONDS <= 5.0] = 0.0
-RADIUS, TRACK = 0.2, 0.9
-LEFT, RIGHT = ((SPEED + side * 0.5 * TRACK * TURN) / RADIUS for side in (-1.0, 1.0))
-YAW = np.cumsum(TURN) * 0.05
-X, Y = (np.cumsum(SPEED * one(YAW)) * 0.05 for one in (np.cos, np.sin))
 NAMES = ("mast", "m3", "m1", "m4", "m2")
 
 
@@ -293,7 +298,9 @@ def test_tables_of_ardupilot_and_px4(tmp_path: Path) -> None:
 def test_counters_of_16_bits(tmp_path: Path, names: str) -> None:
     robot = tmp_path / "own.toml"
     log = table(tmp_path / "own.csv", f"t [ms];{names};{REST}", ticks=True)
-    text = inspect(log).proposed_robot_file
+    found = inspect(log)
+    text = found.proposed_robot_file
+    assert not found.dropped  # without their counts of a turn, no speed is too fast
     assert tomllib.loads(text)["log"]["columns"]["tracks"]["wrap"] == 65536.0
     marked = with_filled_in(text, robot)[0]
     robot.write_text(marked.replace("per_turn = nan", "per_turn = 8192.0"), encoding="utf-8")

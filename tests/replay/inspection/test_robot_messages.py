@@ -11,7 +11,7 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from bag_messages import T, header, imu, joints, pose_stamped, vector
+from bag_messages import header, imu, joints, pose_stamped
 from icreckon import inspect, load_robot, read_log
 
 START, STEP = 1_700_000_000_000_000_000, 50_000_000
@@ -180,23 +180,6 @@ def wheels(_: Any, k: int) -> Any:
     return joints(START + k * STEP, (LEFT[k], RIGHT[k]), ("wheel_l", "wheel_r"))
 
 
-def test_gyros_and_accelerometers_as_vectors_on_two_topics(tmp_path: Path) -> None:
-    def vectors(x: float, y: float, z: float, k: int) -> Any:
-        return T["geometry_msgs/msg/Vector3Stamped"](header(START + k * STEP), vector(x, y, z))
-
-    topics = {
-        "/imu": lambda *_: None,
-        "/imu/angular_velocity": lambda _, k: vectors(0.0, 0.0, TURN[k], k),
-        "/imu/acceleration": lambda _, k: vectors(0.0, SPEED[k] * TURN[k], 9.80665, k),
-    }
-    topics |= {"/joint_states": wheels}
-    robot = written(tmp_path / "bag", {}, topics)
-    of_imu = robot["log"]["imu"]
-    assert of_imu["topic"] == "/angular_velocity"
-    assert of_imu["acceleration_topic"] == "/acceleration"
-    assert robot["imu"]["rotation_rpy_deg"] == pytest.approx([0.0, 0.0, 0.0], abs=0.2)
-
-
 def test_counts_of_an_imu(tmp_path: Path) -> None:
     """Raw 16-bit registers in a table: 16384 counts of a g, 131 of a deg/s."""
     path, rows = tmp_path / "log.csv", ["t,left_m_s,right_m_s,gx,gy,gz,ax,ay,az"]
@@ -269,6 +252,7 @@ def test_odometry_in_a_table(tmp_path: Path) -> None:
         (("axis0.encoder.vel_estimate", "axis1.encoder.vel_estimate"), (LEFT, RIGHT), "turns/s"),
         (("odom_vx", "odom_wz"), (SPEED, TURN), None),
         (("wheel_speed", "wheel_yaw_rate"), (SPEED, TURN), None),
+        (("VL [rpm]", "VR [rpm]"), (LEFT * RPM, RIGHT * RPM), "rpm"),
     ],
 )
 def test_names_of_columns(tmp_path: Path, names, values, unit) -> None:
