@@ -63,7 +63,7 @@ def unplaced(surveys: Collection[Survey], mounts: Mapping[str, Mount], imu: str)
 
 
 def with_static_yaw(mounting: Mounting, mount: Mount, log: Log) -> Mounting | None:
-    """Mounting with the static transform's yaw, or all of its angles if none are known.
+    """Mounting with the static transform's yaw, or all of its angles if unknown.
 
     None if the log contradicts the transform.
     """
