@@ -59,8 +59,9 @@ class Check:
         settings: Settings | None = None,
     ) -> Self:
         """Copy as a contradiction of the file; arguments as the attributes."""
-        new = replace(self, problem=problem, remedy=remedy, correction=correction)
-        return replace(new, settings=settings or {})
+        return replace(
+            self, problem=problem, remedy=remedy, correction=correction, settings=settings or {}
+        )
 
 
 def corrected(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]:

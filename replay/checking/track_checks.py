@@ -361,11 +361,7 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     in_log = f"{ratio:.3f}{error}, {source} over tracks"
     if sigma is None:
         in_log += " (too few straight stretches to tell its error)"
-    # Rates are corrected by the radius, speeds by their scale.
-    table, key, stated = "vehicle", "sprocket_radius", robot.vehicle.sprocket_radius
-    tracks = topic_map(robot).track_keys
-    if tracks is not None and not has_track_rates(robot):
-        table, key, stated = mapped_table(robot, "tracks"), "scale", tracks.scale
+    table, key, stated = _scale_setting(robot)
     value = float(f"{ratio * stated:.4g}")
     check = Check(SCALE, "1", in_log, measured=Measured(ratio, "-", 1.0, sigma))
     smallest, largest = PLAUSIBLE
@@ -395,6 +391,14 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
         remedy = f"the unit in [{mapped_table(robot, 'tracks')}], or else {remedy}"
     corrected = with_speeds(lambda speeds: ratio * speeds)
     yield check.contradicted(text, remedy, corrected, {f"{table}.{key}": value})
+
+
+def _scale_setting(robot: Robot) -> tuple[str, str, float]:
+    """Table, key and value by which track speeds are scaled: a radius for rates."""
+    tracks = topic_map(robot).track_keys
+    if tracks is None or has_track_rates(robot):
+        return "vehicle", "sprocket_radius", robot.vehicle.sprocket_radius
+    return mapped_table(robot, "tracks"), "scale", tracks.scale
 
 
 def _measured_scale(log: Log, imu: ImuSeries, robot: Robot) -> tuple[Estimate | None, float]:

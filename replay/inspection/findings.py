@@ -219,16 +219,16 @@ def missing_tracks(surveys: Collection[Survey]) -> str:
     """Finding that there are no track speeds, with candidates for a person."""
     joints: dict[str, None] = {}  # in the order of the messages
     for survey in surveys:
-        if survey.channel.msgtype == JOINT_STATE:
+        if survey.msgtype == JOINT_STATE:
             joints |= dict.fromkeys(name for state in survey.messages for name in state.name)
-    numbers = ", ".join(survey.channel.topic for survey in surveys if may_be_a_side(survey))
+    numbers = ", ".join(survey.topic for survey in surveys if may_be_a_side(survey))
     text = (
         "no track speeds: nothing here looks like them, and without them nothing can be replayed; name "
         "joints, fields or columns in [log.tracks] or [log.columns.tracks] of the robot file, and "
         "inspect again with --overwrite"
     )
     undefined = ", ".join(
-        f"{survey.channel.topic} ({survey.channel.msgtype})"
+        f"{survey.topic} ({survey.msgtype})"
         for survey in surveys
         if survey.recorded and not survey.messages and is_special(survey)
     )

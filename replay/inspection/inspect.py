@@ -141,7 +141,7 @@ def _topic_reports(
         rows = np.column_stack([log.imu.angular_velocity, *([] if forces is None else [forces])])
         if len(rows) > 1:
             repeated[mapping.imu.topic] = float((rows[1:] == rows[:-1]).all(axis=1).mean())
-    topics = {survey.channel.topic: survey for survey in surveys}
+    topics = {survey.topic: survey for survey in surveys}
     return [topics[topic].report(repeated.get(topic)) for topic in sorted(topics)]
 
 
@@ -169,7 +169,7 @@ def _survey_files(
         bag_surveys, bag_notes = over_bag(path, survey_bag)
         notes += bag_notes
         for new in bag_surveys:
-            known = surveys.setdefault((new.channel.topic, new.channel.msgtype), new)
+            known = surveys.setdefault((new.topic, new.msgtype), new)
             if known is not new:
                 known.extend(new)
     return surveys, notes, tables

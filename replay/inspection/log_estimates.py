@@ -21,25 +21,16 @@ from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import ApartError, EqualStampsError, ReplayError
-from icreckon.replay.estimates import imu_mounting, wheels
-from icreckon.replay.estimates.fix_wander import (
-    FixFit,
-    FixWanderEstimate,
-    estimate_wander,
-    fit_fixes,
-)
+from icreckon.replay.estimates import fix_wander, imu_mounting, latency
 from icreckon.replay.estimates.gyro_bias import GyroBias, gyro_bias
 from icreckon.replay.estimates.imu_mounting import YawRates
-from icreckon.replay.estimates.latency import (
-    heading_lag,
-    objection,
-    on_one_clock,
-    track_latency,
-    truth_lag,
-    without_lag,
-)
 from icreckon.replay.estimates.track_by_rate import TrackByRate, track_by_rate, track_windows
-from icreckon.replay.estimates.wheels import NO_WHEELS, WheelEstimates
+from icreckon.replay.estimates.wheels import (
+    NO_WHEELS,
+    WheelEstimates,
+    units_and_sides,
+    wheel_estimates,
+)
 from icreckon.replay.inspection.static_frames import Mount, with_static_yaw
 from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
@@ -77,9 +68,11 @@ class LogEstimates:
     latencies: Mapping[str, Lag | NoLag] = field(default_factory=dict)
     are_apart: bool = False  # True if tracks and gyro both turn, but not together
     bias: GyroBias | None = None  # bias of the gyro
-    wander: FixWanderEstimate | str | None = None  # error of the fixes, or why it is not known
+    wander: fix_wander.FixWanderEstimate | str | None = (
+        None  # error of the fixes, or why it is not known
+    )
     imu_mount: Mount | None = None  # static transform of the IMU
-    fix_fit: FixFit | None = None  # place of the antenna, lag and scale by the fixes
+    fix_fit: fix_wander.FixFit | None = None  # place of the antenna, lag and scale by the fixes
     stuck: Sequence[StuckSide] = ()  # sides that repeat one reading; the wheels are unknown then
     track: TrackByRate | None = None  # effective track of the whole log and over the yaw rate
 
@@ -159,17 +152,17 @@ class _Reading:
         try:
             log = self._assembled(gathered)
         except ApartError:
-            self.mapping = on_one_clock(self.mapping, self._log_of)
+            self.mapping = latency.on_one_clock(self.mapping, self._log_of)
             log = self._log_of(self.mapping)
         read_tracks = partial(self._log_of, self.mapping, "tracks")
-        keys = wheels.units_and_sides(self.mapping, log, filled_in, notes, read_tracks)
+        keys = units_and_sides(self.mapping, log, filled_in, notes, read_tracks)
         in_units = with_keys(self.mapping, keys)
         # Several tables may have several clocks, and one whose tracks or IMU have times of their own.
         columns = self.mapping.columns
         if columns and (
             len(self.paths) > 1 or any(k and k.time for k in (columns.tracks, columns.imu))
         ):
-            in_units = on_one_clock(in_units, self._log_of)
+            in_units = latency.on_one_clock(in_units, self._log_of)
         if in_units is self.mapping:
             return log
         self.mapping = in_units
@@ -201,28 +194,22 @@ def _measured(estimates: LogEstimates, log: Log) -> LogEstimates:
     is_apart = yaw_rates is not None and imu_mounting.turn_apart(log.tracks, yaw_rates)
     wander = fit = None
     if log.fixes is not None and not is_apart:
-        fit = fit_fixes(aligned, yaw_rates)
+        fit = fix_wander.fit_fixes(aligned, yaw_rates)
         if fit is not None and fit.is_late:
             stamps = log.fixes.stamps - round(fit.lag / NANOSECOND)
             aligned = replace(aligned, fixes=replace(log.fixes, stamps=stamps))
-        wander = estimate_wander(aligned, yaw_rates, states_sigma=estimates.states_fix_sigma)
-    correlation = mounting.turning_correlation if mounting else None
+        wander = fix_wander.estimate_wander(
+            aligned, yaw_rates, states_sigma=estimates.states_fix_sigma
+        )
     # Counts have no scale yet, by which wheels could be estimated.
-    has_scale = not estimates.mapping.lacks_counts_per_turn
-    found = NO_WHEELS
-    if yaw_rates is not None and has_scale and not is_apart:
-        found = wheels.wheel_estimates(aligned, yaw_rates, correlation)
-    turning = None
-    if yaw_rates is not None and found.track is not None:
-        turning = np.interp(aligned.tracks.stamps, *yaw_rates) * found.track.value
-    stuck = stuck_sides(aligned.tracks, turning)
-    if stuck:
-        found = NO_WHEELS
+    shows_wheels = not (estimates.mapping.lacks_counts_per_turn or is_apart)
+    correlation = mounting.turning_correlation if mounting else None
+    wheels, stuck = _wheels(aligned, yaw_rates if shows_wheels else None, correlation)
     measured = replace(
         estimates,
         mounting=mounting,
         yaw_rates=yaw_rates,
-        wheels=found,
+        wheels=wheels,
         stuck=stuck,
         latencies=latencies,
         are_apart=is_apart,
@@ -231,6 +218,19 @@ def _measured(estimates: LogEstimates, log: Log) -> LogEstimates:
         fix_fit=fit,
     )
     return replace(measured, track=_track_by_rate(measured, aligned.tracks))
+
+
+def _wheels(
+    log: Log, yaw_rates: YawRates | None, correlation: float | None
+) -> tuple[WheelEstimates, list[StuckSide]]:
+    """Estimate the wheels, unless a side repeats one reading, and list such sides."""
+    wheels, turning = NO_WHEELS, None
+    if yaw_rates is not None:
+        wheels = wheel_estimates(log, yaw_rates, correlation)
+        if wheels.track is not None:
+            turning = np.interp(log.tracks.stamps, *yaw_rates) * wheels.track.value
+    stuck = stuck_sides(log.tracks, turning)
+    return NO_WHEELS if stuck else wheels, stuck
 
 
 def _mounting_and_yaw_rates(
@@ -289,24 +289,24 @@ def _latencies(log: Log, yaw_rates: YawRates | None) -> dict[str, Lag | NoLag]:
         return {}
     latencies: dict[str, Lag | NoLag] = {}
     if len(log.tracks.speeds) and np.abs(log.tracks.speeds).max() <= imu_mounting.ABSURD:
-        latencies["tracks"] = track_latency(log.tracks, yaw_rates)
+        latencies["tracks"] = latency.track_latency(log.tracks, yaw_rates)
     headings = [other for other in log.others if isinstance(other, HeadingFix)]
     if headings:
-        latencies["heading"] = heading_lag(headings, yaw_rates)
+        latencies["heading"] = latency.heading_lag(headings, yaw_rates)
     truth = log.truth
     if truth is not None:
         if truth.headings and heading_fault(truth) is not None:
             truth = truth.positions_alone()  # the headings do not fit the path
-        latencies["truth"] = truth_lag(truth, log.tracks, log.imu, yaw_rates)
+        latencies["truth"] = latency.truth_lag(truth, log.tracks, log.imu, yaw_rates)
     return latencies
 
 
 def _without_latencies(log: Log, latencies: Mapping[str, Lag | NoLag]) -> Log:
     """Log with stamps of track speeds and truth corrected where the latency is clear."""
     tracks, truth = latencies.get("tracks"), latencies.get("truth")
-    if isinstance(tracks, Lag) and not objection(tracks):
-        log = replace(log, tracks=without_lag(log.tracks, tracks))
-    if isinstance(truth, Lag) and not objection(truth) and log.truth is not None:
-        poses = without_lag(log.truth.poses, truth)
+    if isinstance(tracks, Lag) and not latency.objection(tracks):
+        log = replace(log, tracks=latency.without_lag(log.tracks, tracks))
+    if isinstance(truth, Lag) and not latency.objection(truth) and log.truth is not None:
+        poses = latency.without_lag(log.truth.poses, truth)
         log = replace(log, truth=replace(log.truth, poses=poses))
     return log

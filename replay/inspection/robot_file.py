@@ -313,9 +313,9 @@ def _key_lines(
         text = repr(value) if key.startswith("clock_") else toml_value(value)  # all digits
         remark = "    # check it" if key in CHECKED else ""
         if key == "counts_per_turn":
-            text = "nan"
-        if key in ("position_sigma", "counts_per_turn"):
-            remark = f"    {FILL_IN}"
+            text, remark = "nan", f"    {FILL_IN} (of the wheel)"
+        elif key == "position_sigma":
+            remark = f"    {FILL_IN} (m)"
         lines.append(f"{key} = {text}{remark}")
     return lines
 

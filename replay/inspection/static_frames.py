@@ -31,8 +31,8 @@ def static_mounts(surveys: Collection[Survey]) -> dict[str, Mount]:
     """Static poses of IMUs and receivers by topic, as far as the transforms show them."""
     transforms = TransformStream("frames", "tf", source="", time="recording")
     for survey in surveys:
-        topic = survey.channel.topic
-        if survey.channel.msgtype in (TF, TF_ROS1) and topic.endswith(STATIC):
+        topic = survey.topic
+        if survey.msgtype in (TF, TF_ROS1) and topic.endswith(STATIC):
             for message in survey.messages:
                 transforms.add_transforms(topic, 0, message)
     links = transforms.static_links
@@ -42,20 +42,20 @@ def static_mounts(surveys: Collection[Survey]) -> dict[str, Mount]:
     if len(links) >= len(frames):
         return mounts  # a loop: they are no tree
     for survey in surveys:
-        if base is None or survey.channel.msgtype not in (IMU, NAVSATFIX):
+        if base is None or survey.msgtype not in (IMU, NAVSATFIX):
             continue
         if survey.frame_id.strip("/") in BASES:  # its driver has turned it, its place is unknown
             continue
         transforms.frames = base, survey.frame_id
         if (pose := transforms.static_pose()) is not None:
             source = f"{survey.frame_id} in {base} by /{STATIC}"
-            mounts[survey.channel.topic] = Mount(*pose, source)
+            mounts[survey.topic] = Mount(*pose, source)
     return mounts
 
 
 def unplaced(surveys: Collection[Survey], mounts: Mapping[str, Mount], imu: str) -> list[str]:
     """Finding on an IMU, by its topic, whose frame the static transforms lack."""
-    frames = {survey.channel.topic: survey.frame_id.strip("/") for survey in surveys}
+    frames = {survey.topic: survey.frame_id.strip("/") for survey in surveys}
     has_static, frame = any(topic.endswith(STATIC) for topic in frames), frames.get(imu, "")
     if not has_static or imu in mounts or frame in ("", *BASES):
         return []

@@ -11,8 +11,7 @@ from test_inspection import driven_log
 
 from conftest import inspected, sample_log, thorough
 from icreckon import Log, Scenario, compare, drift, inspect, read_log, simulate, write_log
-from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.log.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
+from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
 from icreckon.replay.checking.robot_check import check_robot, is_of_another
 from icreckon.replay.estimates import wheels
@@ -24,42 +23,17 @@ from icreckon.replay.mapping.topics import TopicMap, TrackTopic
 RADIUS, TRACK = 0.2, 0.6
 
 
-def in_rates(log: Log) -> Log:
-    """The driven log with rates of wheels instead of speeds, and the truth of where it went."""
-    speeds = log.tracks.speeds
-    v, w = speeds.mean(axis=1), (speeds[:, 1] - speeds[:, 0]) / TRACK
-    seconds = (log.tracks.stamps - log.tracks.stamps[0]) * 1e-9
-    yaw = np.concatenate([[0.0], np.cumsum(0.5 * (w[1:] + w[:-1]) * np.diff(seconds))])
-    ways = [
-        np.concatenate([[0.0], np.cumsum((v * part)[:-1] * np.diff(seconds))])
-        for part in (np.cos(yaw), np.sin(yaw))
-    ]
-    poses = PoseSeries(log.tracks.stamps, np.column_stack([*ways, yaw]))
-    tracks = TrackSpeedSeries(log.tracks.stamps, speeds / RADIUS)
-    return replace(log, tracks=tracks, truth=Truth(poses))
-
-
 def looked_at(log: Log):
     mounting = estimate_mounting(log)
     rates = vertical_rate(log.imu, mounting)
     return mounting, rates, wheels.wheel_estimates(log, rates, mounting.turning_correlation)
 
 
-def suspicions(log: Log, *, rates: bool = False, from_twist: bool = False) -> list[str]:
+def suspicions(log: Log, *, from_twist: bool = False) -> list[str]:
     sides = {} if from_twist else {"left": ("l",), "right": ("r",)}
-    tracks = TrackTopic("/speeds", **sides, unit="rad/s" if rates else "m/s")
+    tracks = TrackTopic("/speeds", **sides, unit="m/s")
     seen = LogEstimates(TopicMap(tracks), {}, log, NO_SIZES, *looked_at(log))
     return [*unit_suspicions(seen, log)]
-
-
-def test_effective_radius_and_track() -> None:
-    log = in_rates(driven_log((180.0, 5.0, 0.0)))
-    _, _, estimates = looked_at(log)
-    assert estimates.distance.value == pytest.approx(RADIUS, rel=0.02)
-    assert estimates.distance.source == "truth"
-    assert estimates.track.value == pytest.approx(TRACK / RADIUS, rel=0.05)
-    _, _, estimates = looked_at(replace(log, truth=None))
-    assert estimates.distance is None
 
 
 @pytest.mark.parametrize(
@@ -91,15 +65,10 @@ def scaled(log: Log, *, gyro: float = 1.0, force: float = 1.0, tracks: float = 1
     return replace(log, imu=ImuSeries(log.imu.stamps, rates, forces), tracks=speeds)
 
 
-def test_units_that_are_right() -> None:
-    log = driven_log((0.0, 0.0, 0.0))
-    assert suspicions(log) == []
-    assert suspicions(in_rates(log), rates=True) == []
-
-
 @pytest.mark.parametrize(
     ("factors", "part"),
     [
+        ({}, ""),
         ({"gyro": 180.0 / np.pi}, "or rather deg/s"),
         ({"force": 1.0 / 9.80665}, r"not 9.81 m/s²; in g\?"),
         ({"force": 1000.0 / 9.80665}, r"in mg\?"),
@@ -107,9 +76,10 @@ def test_units_that_are_right() -> None:
         ({"tracks": 1000.0}, "or rather mm/s"),
     ],
 )
-def test_units_that_are_wrong(factors: dict[str, float], part: str) -> None:
-    (said,) = suspicions(scaled(driven_log((0.0, 0.0, 0.0)), **factors))
-    assert re.search(part, said)
+def test_units_that_are_wrong_are_suspicious(factors: dict[str, float], part: str) -> None:
+    said = suspicions(scaled(driven_log((0.0, 0.0, 0.0)), **factors))
+    assert len(said) == bool(part)
+    assert re.search(part, str(said))
 
 
 def test_a_slow_gyro_in_degrees_is_found_against_odometry() -> None:
@@ -263,20 +233,6 @@ def test_half_the_counts_and_an_imu_that_stops_are_findings(tmp_path: Path) -> N
     ):
         write_log(broken, tmp_path / "log", "mcap", load_robot("auriga-alpha"), overwrite=True)
         assert said in "\n".join(inspect(tmp_path / "log").findings)
-
-
-def test_speeds_without_a_unit_are_rpm_where_no_wheels_in_radians_fit(tmp_path: Path) -> None:
-    robot = load_robot("auriga-alpha")
-    log = simulate(Scenario(duration=60.0, seed=2, fix_rate=0.0), robot)
-    for unit, size in (("rad/s", 1.0), ("rpm", 60.0 / (2.0 * np.pi))):
-        rates = size * log.tracks.speeds / robot.vehicle.sprocket_radius
-        poses = interpolate_poses(log.truth.poses, log.tracks.stamps)
-        yaw_rate = np.interp(log.tracks.stamps, log.imu.stamps, log.imu.angular_velocity[:, 2])
-        at = (log.tracks.stamps - log.start) * 1e-9
-        rows = np.column_stack([at, rates, poses, yaw_rate])
-        header = "t,left_front,right_front,truth_x,truth_y,truth_yaw,yaw_rate"
-        np.savetxt(tmp_path / "log.csv", rows, "%.6f", ",", header=header, comments="")
-        assert inspect(tmp_path / "log.csv").mapping.columns.tracks.unit == unit
 
 
 def test_a_gap_between_slow_speeds_is_one_stop_with_its_ends() -> None:

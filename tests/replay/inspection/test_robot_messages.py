@@ -100,9 +100,10 @@ STATUS = "std_msgs/Header header\n{}Motor[] motors\n"
         ),
         # A speed without a unit: m/s would make a track of 4.5 m (Jackal).
         ("float32 measured_speed", "measured_speed", FOUR[:2], {}, [0], [1], "rad/s", 0.2),
+        ("float32 measured_speed", "measured_speed", FOUR[:2] * RPM, {}, [0], [1], "rpm", 0.2),
         ("float32 measured_speed", "measured_speed", FOUR[:2] * RADIUS, {}, [0], [1], "m/s", 0.1),
     ],
-    ids=["mirrored", "names", "rates", "speeds"],
+    ids=["mirrored", "names", "rates", "turns", "speeds"],
 )
 def test_motors_in_a_list(
     tmp_path: Path, motor, field, values, others, left, right, unit, radius
@@ -110,7 +111,7 @@ def test_motors_in_a_list(
     types = {"a_msgs/msg/Motor": motor, "a_msgs/msg/Status": STATUS.format("a_msgs/")}
     make = of_motors("a_msgs/msg/Status", field, values, **others)
     robot = written(tmp_path / "bag", types, {"/status": make})
-    minus = "-" if unit == "rpm" else ""
+    minus = "-" if values is MIRRORED else ""
     tracks = robot["log"]["tracks"]
     assert tracks["left"] == [f"motors[{place}].{field}" for place in left]
     assert tracks["right"] == [f"{minus}motors[{place}].{field}" for place in right]
