@@ -118,27 +118,23 @@ def estimate_wander(
     fits = {model: _fit_errors(windows, model) for model in product(TIMES, RATIOS)}
     time, ratio = max(fits, key=lambda model: fits[model].likelihood)
     best_fit = fits[time, ratio]
-    # Shortest and longest correlation time that fit about as well as the best.
-    best_of_times = {other: max(fits[other, r].likelihood for r in RATIOS) for other in TIMES}
-    losses = {other: 2.0 * (best_fit.likelihood - best) for other, best in best_of_times.items()}
-    as_good = [other for other in TIMES if losses[other] <= AS_GOOD]
+    least = best_fit.likelihood - 0.5 * AS_GOOD  # likelihood of models that fit as well
+    as_good = [t for t in TIMES if any(fits[t, r].likelihood >= least for r in RATIOS)]
     times = as_good[0], as_good[-1]
     if ratio == RATIOS[0]:
         # White noise below the steps of the wander is not observable: the largest that fits as well.
-        least = best_fit.likelihood - 0.5 * AS_GOOD
-        ratio = max(other for other in RATIOS if fits[time, other].likelihood >= least)
+        ratio = max(r for r in RATIOS if fits[time, r].likelihood >= least)
         best_fit = fits[time, ratio]
     if 2.0 * (best_fit.likelihood - white_fit.likelihood) < CLEAR:
         white = float(np.sqrt(white_fit.variance))
         return FixWanderEstimate(white, 0.0, time, times, "white noise alone explains them")
-    # The fixes wander, or odometry does.
     sigma = float(np.sqrt(best_fit.variance))
     white = ratio * sigma
     stated = float(np.sqrt(np.median(log.fixes.variances[:, 0])))
     is_stated = states_sigma and STATED * white < stated and sigma < STATED_AT_MOST * stated
     driven = _distance_driven(windows, max(time, SLOWEST_SLIP))
     exceeds_odometry = sigma >= ODOMETRY_ERROR * driven
-    reason = ""
+    reason = ""  # not to propose the wander, which may be odometry's
     if times[0] > 0.5 * WINDOW:
         reason = f"it changes too slowly for spans of {WINDOW:.0f} s, as errors of odometry do"
     elif not (exceeds_odometry or is_stated):
@@ -176,17 +172,17 @@ def fit_fixes(log: Log, yaw_rates: YawRates | None) -> FixFit | None:
     """
     if yaw_rates is None or len(log.tracks.stamps) < 2:
         return None
-    bias, tried = 0.0, list[list[_WindowFit]]()
+    bias, windows, fits = 0.0, list[_Window](), list[_WindowFit]()
     for _ in range(ANTENNA_ROUNDS):
         corrected = yaw_rates._replace(rates=yaw_rates.rates + bias)
         windows = _cut_windows(log, corrected, ANTENNA_WINDOW)
         windows = [window for window in windows if window.design.shape == window.columns.shape]
         if len(windows) < ANTENNA_WINDOWS:
             return None
-        # Without a lag, and with one.
-        tried = [[_fit_window(window, lag) for window in windows] for lag in (False, True)]
-        bias += float(np.median([fit.bias for fit in tried[0]]))
-    without_lag, with_lag = map(_mean_fit, tried)
+        fits = [_fit_window(window, with_lag=False) for window in windows]
+        bias += float(np.median([fit.bias for fit in fits]))
+    without_lag = _mean_fit(fits)
+    with_lag = _mean_fit([_fit_window(window, with_lag=True) for window in windows])
     return with_lag if with_lag.lag_sigma < LAG_OBSERVABLE else without_lag
 
 
@@ -200,7 +196,7 @@ class _WindowFit(NamedTuple):
     scatter: float  # RMS distance of the fixes from the fitted path [m]
 
 
-def _fit_window(window: _Window, with_lag: bool) -> _WindowFit:
+def _fit_window(window: _Window, *, with_lag: bool) -> _WindowFit:
     """Fit the path by odometry to the fixes of a window, by linear least squares."""
     columns = window.columns
     if with_lag:
