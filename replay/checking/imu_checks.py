@@ -40,8 +40,8 @@ OTHER_NOISE = 3.0  # measured noise density over the file's that is reported [-]
 FEWEST_STILL = 20  # fewest pairs of neighbouring samples at standstill that show the noise
 
 
-def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
-    """Report too few track speeds, absurd rates, and an IMU that is missing or stops."""
+def check_samples(log: Log, _robot: Robot) -> Iterator[Check]:
+    """Report too few track speeds, or an IMU that misses a part of the log."""
     count = len(log.tracks.stamps)
     if count < FEWEST_SPEEDS:
         problem = f"the log has {count} track speeds: too few to check anything"
@@ -57,20 +57,28 @@ def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
             yield Check("IMU's span", "whole log", text).contradicted(
                 problem, remedy, lambda log, robot: (log.between(first, last), robot)
             )
-    largest = 0.0 if log.imu is None else float(np.abs(log.imu.angular_velocity).max())
+
+
+def check_readings(log: Log, robot: Robot) -> Iterator[Check]:
+    """Report an IMU without samples, or with absurd rates."""
+    if log.imu is None:
+        source = robot.log.get("imu", {}).get("topic")
+        if source is None and "imu" in robot.log.get("columns", {}):
+            source = "its columns"
+        if source is not None:
+            problem = (
+                f"the log has no IMU sample on {source}: the heading is that of the tracks alone"
+            )
+            remedy = "the right topic in [log.imu]; icreckon inspect lists those of the log"
+            yield Check("IMU", str(source), "no sample", problem, remedy)
+        return
+    largest = float(np.abs(log.imu.angular_velocity).max())
     if largest > imu_mounting.ABSURD:
         yield Check("gyro", "rad/s", f"up to {largest:.3g} rad/s").contradicted(
             f"the gyro reads {largest:.3g} rad/s",
             'rate_unit in [log.imu] ("deg/s", "mdps"), or its driver',
             lambda log, robot: (replace(log, imu=None), robot),
         )
-    source = robot.log.get("imu", {}).get("topic")
-    if source is None and "imu" in robot.log.get("columns", {}):
-        source = "its columns"
-    if log.imu is None and source is not None:
-        problem = f"the log has no IMU sample on {source}: the heading is that of the tracks alone"
-        remedy = "the right topic in [log.imu]; icreckon inspect lists those of the log"
-        yield Check("IMU", str(source), "no sample", problem, remedy)
 
 
 def check_gravity(log: Log, robot: Robot) -> Iterator[Check]:

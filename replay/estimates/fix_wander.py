@@ -67,17 +67,18 @@ class FixWanderEstimate(NamedTuple):
         if not self.sigma:
             return f"{white}; {self.reason}, no wander is proposed"
         shortest, longest = self.times
-        times = f"{self.time:g} s ({shortest:g} to {longest:g} s fit as well)"
-        slow = f"{self.sigma:.2g} m over {times}"
+        slow = (
+            f"{self.sigma:.2g} m over {self.time:g} s ({shortest:g} to {longest:g} s fit as well)"
+        )
         if self.reason:
             return f"{white}, and a slow part of {slow}; {self.reason}: no wander is proposed"
         text = f"their error wanders, by {slow}, besides {white}"
-        if self.stated is None:
-            return text
-        return (
-            f"{text}: that is less than the {self.stated:.2g} m that they state, so the rest changes "
-            "slowly (some of it may be odometry's)"
-        )
+        if self.stated is not None:
+            text += (
+                f": that is less than the {self.stated:.2g} m that they state, so the rest changes "
+            )
+            text += "slowly (some of it may be odometry's)"
+        return text
 
 
 class _Window(NamedTuple):

@@ -41,20 +41,16 @@ class YawRates(NamedTuple):
 class Mounting:
     """Mounting and noise of an IMU, estimated from a log."""
 
-    # roll, pitch to level it, yaw, by the tracks to the next 90 deg [deg]
-    rotation_rpy_deg: tuple[float, float, float]
+    rotation_rpy_deg: tuple[float, float, float]  # [deg]; a yaw by the tracks is a multiple of 90
     up_shown_by: str  # evidence of the vertical: "gravity", "turning", or "" for none
     yaw_shown_by: str  # evidence of the yaw: "tracks", "tf_static", or "" for none: set to 0
     specific_force: Floats | None  # (3,) mean in the IMU's axes [m/s²], None without accelerometers
     still_seconds: float  # duration of standstill in the log [s]
     gyro_axes: str  # "z" if the other two gyros always read zero, otherwise "xyz"
-    # correlation of the rate about the vertical with V_r - V_l, or None without turning in the
-    # track speeds
-    turning_correlation: float | None
+    turning_correlation: float | None  # of yaw rate and V_r - V_l, or None if one is constant
     gyro_bias: Floats | None  # (3,) mean rates at standstill in the IMU's axes [rad/s], or None
     gyro_noise_density: float | None  # of the vertical rate at standstill [rad/s/√Hz], or None
-    # noise density of the specific force to the left over half a second, including vibration,
-    # slopes and all else beyond the tracks' motion [m/s²/√Hz], or None
+    # of the horizontal specific force while driving, beyond the tracks' motion [m/s²/√Hz], or None
     accelerometer_noise_density: float | None
 
 

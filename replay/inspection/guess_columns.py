@@ -52,7 +52,7 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
     and no other stream, as of a total station. Columns of commands are skipped. `time_column` is used
     where a table has it; a table without a time is skipped.
     """
-    main: _Time | None = None
+    main: tuple[str, TimeUnit] | None = None
     tracks, fixes, truth = None, None, None
     imu_names: dict[_Time, list[str]] = {}
     for table in tables:
@@ -60,11 +60,11 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         if table_time is None:
             continue
         unit = _time_unit(table, table_time)
-        main = main or _Time(table_time, unit)
+        main = main or (table_time, unit)
         # A stream states its time only where that is not the main one.
+        main_time, main_unit = main
         time = _Time(
-            None if table_time == main.time else table_time,
-            None if unit == main.time_unit else unit,
+            None if table_time == main_time else table_time, None if unit == main_unit else unit
         )
         stem = table.path.stem
         names = [column.name for column in table.columns if column.is_number]
@@ -86,13 +86,13 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         if fixes is None and (keys := naming.fix_keys(measured)):
             fixes = PoseColumns(**keys, **time._asdict())
         truth = truth or _truth(true_names, time)
-    if main is None or main.time is None:
+    if main is None:
         return None
     imu = None
     for time, names in imu_names.items():
         if imu is None and (keys := naming.imu_keys(names)):
             imu = ImuColumns(**keys, **time._asdict())
-    return ColumnMap(main.time, main.time_unit or "s", tracks, imu, fixes, truth)
+    return ColumnMap(*main, tracks, imu, fixes, truth)
 
 
 def _with_gravity(names: Sequence[str], table: Table) -> list[str]:
@@ -136,19 +136,10 @@ def _time_unit(table: Table, name: str) -> TimeUnit:
 
 
 def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | None:
-    """Guess the columns of the track speeds; names with a word of speed are preferred."""
+    """Guess the columns of the track speeds, or else of a speed and a yaw rate."""
     likely = [name for name in names if not naming.NO_SPEED.search(name.lower())]
-    speeds = [name for name in likely if naming.SPEED.search(name.lower())]
-    # Names with no other quantity than their side, as `left_m_s`.
-    bare_names = {name: re.sub("left|right", " ", name.lower()) for name in likely}
-    words_of = {name: re.split(r"[^a-z]+", bare) for name, bare in bare_names.items()}
-    bare = [name for name, words in words_of.items() if all(map(BARE.fullmatch, words))]
-    numbered = [name for name in likely if naming.is_of_wheel(name) or "dist" in name.lower()]
-    for names, are_named in ((speeds, True), (bare, True), (numbered, False)):
-        found = naming.wheel_sides({name: name for name in names}, context="wheel")
-        if found is not None and found.likelihood.are_named == are_named:
-            break
-    else:
+    found = _wheel_sides(likely)
+    if found is None:
         twist = naming.twist_names(likely)
         return twist and TrackColumns(speed=twist[0], yaw_rate=twist[1], **time._asdict())
     left, right = found.left, found.right
@@ -157,6 +148,24 @@ def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | N
         counts = table.numbers((*left, *right))
         keys["wrap"] = counter_range(counts)[0] if len(left) == 1 else None
     return TrackColumns(left=left, right=right, **time._asdict(), **keys)
+
+
+def _wheel_sides(names: Sequence[str]) -> naming.Sides | None:
+    """Columns of both sides; those with a word of speed are preferred."""
+    speeds = [name for name in names if naming.SPEED.search(name.lower())]
+    bare = [name for name in names if _states_a_side_alone(name)]
+    numbered = [name for name in names if naming.is_of_wheel(name) or "dist" in name.lower()]
+    for candidates, are_named in ((speeds, True), (bare, True), (numbered, False)):
+        found = naming.wheel_sides({name: name for name in candidates}, context="wheel")
+        if found is not None and found.likelihood.are_named == are_named:
+            return found
+    return None
+
+
+def _states_a_side_alone(name: str) -> bool:
+    """Test for a name with no other quantity than its side and unit, as `left_m_s`."""
+    words = re.split(r"[^a-z]+", re.sub("left|right", " ", name.lower()))
+    return all(map(BARE.fullmatch, words))
 
 
 def _truth(names: Sequence[str], time: _Time) -> PoseColumns | None:

@@ -258,8 +258,7 @@ def _imu(surveys: Surveys, namespaces: Collection[str] = ()) -> ImuTopic | None:
 
 
 def unused_topics(surveys: Collection[Survey], mapping: TopicMap) -> Iterator[str]:
-    """Findings on robots, wheels, odometries and positions that a mapping lacks."""
-    tracks = mapping.tracks
+    """Findings on robots, odometries and positions that a mapping lacks."""
     if names := robots(surveys):
         yield (
             f"topics of {len(names)} robots ({', '.join(names)}): those of {names[0]} are proposed; for "
@@ -271,12 +270,6 @@ def unused_topics(surveys: Collection[Survey], mapping: TopicMap) -> Iterator[st
                 f"{survey.topic}: an odometry by camera or lidar, which is none of the wheels'; as a "
                 f'measurement in addition, topic = "{survey.topic}" in [log.velocity]'
             )
-    if tracks is not None and tracks.right_topic is not None:
-        sides_of_log = {survey.topic for survey in surveys if may_be_a_side(survey)}
-        others = sides_of_log - {tracks.topic, tracks.right_topic}
-        quantity = naming.family_of(tracks.topic)
-        if wheels := sorted(topic for topic in others if naming.family_of(topic) == quantity):
-            yield f"tracks: a topic of each side is read; not used: {', '.join(wheels)}"
     used = {stream.topic for stream in (mapping.fixes, mapping.truth) if stream is not None}
     kinds = ros.POSE, ros.POSE_WITH_COVARIANCE, ros.NAVSATFIX
     unused = {survey.topic for survey in _of_types([*surveys], *kinds)} - used

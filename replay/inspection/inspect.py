@@ -80,35 +80,36 @@ def inspect(
     """
     paths, first = as_paths(path), first_path(path)
     surveys, notes, tables = _survey_files(paths, definitions)
-    mapping = guess_topics(surveys.values(), sizes.log.get("fixes", {}).get("topic"))
+    mapping = guess_topics(surveys, sizes.log.get("fixes", {}).get("topic"))
     if tables:
         time_column = str(sizes.log.get("columns", {}).get("time", ""))
         mapping = replace(mapping, columns=guess_columns(tables, time_column))
         timeless = [table.path.name for table in tables if not time_column_of(table, time_column)]
         if timeless:
             notes.append(f"no column looks like a time, not used: {', '.join(timeless)}")
-    mounts = static_frames.static_mounts(surveys.values())
+    mounts = static_frames.static_mounts(surveys)
     if mapping.fixes is not None and mapping.fixes.topic in mounts:
         place = tuple(mounts[mapping.fixes.topic].position.tolist())
         mapping = replace(mapping, fixes=replace(mapping.fixes, position=place))
     mapping = with_keys(mapping, sizes.log)
     imu_topic = mapping.imu.topic if mapping.imu else ""
-    found = static_frames.unplaced(surveys.values(), mounts, imu_topic)
     mount = mounts.get(imu_topic)
     estimates = log_estimates(paths, mapping, definitions, sizes, mount, notes)
     mapping, log = estimates.mapping, estimates.log
-    reports = _topic_reports(surveys.values(), mapping, log)
+    reports = _topic_reports(surveys, mapping, log)
     for table in tables:
         reports += _column_reports(table, mapping.columns)
-    found += [] if mapping.track_keys else [missing_tracks(surveys.values())]
-    found += unused_topics(surveys.values(), mapping)
+    topic_findings = static_frames.unplaced(surveys, mounts, imu_topic)
+    if not mapping.track_keys:
+        topic_findings.append(missing_tracks(surveys))
+    topic_findings += unused_topics(surveys, mapping)
     return Inspection(
         path=first,
-        duration=_duration(surveys.values(), log if tables else None),
+        duration=_duration(surveys, log if tables else None),
         topics=tuple(reports),
         mapping=mapping,
         mounting=estimates.mounting,
-        findings=(*found, *findings(estimates)),
+        findings=(*topic_findings, *findings(estimates)),
         dropped=log.dropped if log is not None else {},
         notes=(*coarse_stamps(log.notes if log else ()), *notes),
         proposed_robot_file=robot_file_text(first, estimates),
@@ -147,9 +148,9 @@ def _topic_reports(
 
 def _survey_files(
     paths: Sequence[Path], definitions: Definitions
-) -> tuple[dict[tuple[str, str], topic_survey.Survey], list[str], list[Table]]:
-    """Survey all files in one pass: topics by name and type, notes, tables."""
-    # A topic with messages in several bags has one survey.
+) -> tuple[list[topic_survey.Survey], list[str], list[Table]]:
+    """Survey all files in one pass: topics, notes, tables."""
+    # By name and type: a topic with messages in several bags has one survey.
     surveys: dict[tuple[str, str], topic_survey.Survey] = {}
     notes: list[str] = []
     tables = []
@@ -172,7 +173,7 @@ def _survey_files(
             known = surveys.setdefault((new.topic, new.msgtype), new)
             if known is not new:
                 known.extend(new)
-    return surveys, notes, tables
+    return list(surveys.values()), notes, tables
 
 
 def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_survey.TopicReport]:

@@ -1,6 +1,6 @@
 """Proposed robot file: values estimated from a log, and placeholders for the rest."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,6 @@ from icreckon.replay.estimates.latency import objection
 from icreckon.replay.estimates.wheels import CLEAR_SIGN, heading_offset
 from icreckon.replay.inspection.log_estimates import LogEstimates
 from icreckon.replay.inspection.static_frames import STATIC
-from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.naming import PLACEHOLDER_SIGMA
 from icreckon.replay.mapping.topics import HeadingTopic
 
@@ -36,9 +35,6 @@ MARGIN = 1.2  # highest speed of a robot over the fastest in a log [-]
 
 def robot_file_text(path: Path, estimates: LogEstimates) -> str:
     """Format a robot file for `load_robot` and `topic_map`, named after the bag."""
-    latency = _latency_lines(estimates.latencies.get("tracks"))
-    wander = _wander_lines(estimates.wander, estimates.states_fix_sigma)
-    columns = estimates.mapping.columns
     lines = [
         f"{FIRST_WORDS} {toml_value(path.name)[1:-1]}: check every line.",
         f"name = {toml_value(path.stem)}",
@@ -49,8 +45,8 @@ def robot_file_text(path: Path, estimates: LogEstimates) -> str:
         "",
         *_imu_lines(estimates),
         *_tracks_lines(estimates),
-        *_topic_lines(estimates, latency, wander),
-        *(_column_lines(columns, latency, wander, estimates.fix_fit) if columns else []),
+        *_topic_lines(estimates),
+        *_column_lines(estimates),
     ]
     return "\n".join(lines) + "\n"
 
@@ -247,137 +243,134 @@ def _tracks_lines(estimates: LogEstimates) -> list[str]:
     ]
 
 
-def _latency_lines(latency: Lag | NoLag | None) -> list[str]:
-    """Key latency of the track speeds, or a comment why it is not written."""
-    if not isinstance(latency, Lag):
-        return []
-    reason = objection(latency)
-    if reason:
-        size = f"{latency.seconds:.3f} ± {latency.sigma:.1g} s"
-        return [f"# Latency against the gyro: {size}, {reason}: not written."]
-    lags = "lags" if latency.seconds > 0.0 else "leads"
-    return [f"latency = {latency.seconds:.2f}    # s, ± {latency.sigma:.1g}: {lags} the gyro"]
-
-
-def _topic_lines(estimates: LogEstimates, latency: list[str], wander: list[str]) -> list[str]:
+def _topic_lines(estimates: LogEstimates) -> list[str]:
     """Tables [log.tracks], [log.imu], ...: topics, clocks, latency and errors."""
-    mapping, lines = estimates.mapping, list[str]()
+    lines = []
     for purpose in ("tracks", "imu", "fixes", "heading", "truth"):
-        stream = getattr(mapping, purpose)
-        if stream is None:
+        topic = getattr(estimates.mapping, purpose)
+        if topic is None:
             continue
-        lines += ["", f"[log.{purpose}]", f"topic = {toml_value(stream.topic)}"]
+        lines += ["", f"[log.{purpose}]"]
         if purpose == "fixes":
-            lines.append(
-                "# Where they are a truth, as of a lidar map: [log.truth], with the topic alone."
-            )
-        if purpose == "heading":
-            lines += _heading_keys(stream, estimates)
-            lines += _latency_lines(estimates.latencies.get("heading"))
-        else:
-            is_pair = getattr(stream, "right_topic", None) is not None
-            usual = () if is_pair else ("rad/s", "m/s2")
-            lines += _key_lines(stream, ("topic", "time", "position"), wander, usual)
-        if purpose == "tracks" and not stream.left:
-            lines.append(GAUGE_LINE)
-        if purpose == "fixes":
-            lines += wander
-            if any(stream.position):
-                remark = f"m, of the antenna, by /{STATIC}"
-                lines.append(f"position = {_metres(stream.position)}    # {remark}")
-            lines += _fit_lines(estimates.fix_fit, stream.position)
-        choice = estimates.clocks.get(purpose)
-        if choice is not None and choice.clock == "recording":
-            lines.append(f'time = "recording"    # {choice.reason}')
-        lines += latency if purpose == "tracks" else []
+            remark = "Where they are a truth, as of a lidar map: [log.truth], with the topic alone."
+            lines.append(f"# {remark}")
+        is_pair = getattr(topic, "right_topic", None) is not None
+        usual = ("auto",) if is_pair else ("auto", "rad/s", "m/s2")
+        lines += _key_lines(topic, _estimated_keys(purpose, topic, estimates), usual)
     return lines[1:]
 
 
-def _key_lines(
-    stream: Any, omitted: Sequence[str], wander: list[str], usual: Sequence[str] = ()
-) -> list[str]:
-    """Keys of a topic or of columns that have a value, neither omitted nor usual."""
-    # Latency and wander have lines of their own, and nobody can guess a scale.
-    unwritten = {*omitted, "latency", "scale", "wander_sigma", "wander_time"}
-    if wander:
-        unwritten.add("position_sigma")
-    if not getattr(stream, "left", True):
-        unwritten.add("unit")
-    if not getattr(stream, "yaw", ""):
-        unwritten.add("yaw_unit")
-    lines = []
-    for key in stream.__struct_fields__:
-        value = getattr(stream, key)
-        if key in unwritten or value in (None, (), "", 0.0, (0.0, 0.0, 0.0), *usual):
-            continue
-        text = repr(value) if key.startswith("clock_") else toml_value(value)  # all digits
-        remark = "    # check it" if key in CHECKED else ""
-        if key == "counts_per_turn":
-            text, remark = "nan", f"    {FILL_IN} (of the wheel)"
-        elif key == "position_sigma":
-            remark = f"    {FILL_IN} (m)"
-        lines.append(f"{key} = {text}{remark}")
-    return lines
-
-
-def _fit_lines(fit: FixFit | None, known: tuple[float, ...]) -> list[str]:
-    """Keys of the fixes: their lag, and the place of the antenna if it is not known."""
-    lines = []
-    if fit is not None and fit.differs(np.zeros(2)) and not any(known):
-        place = _metres(fit.place.round(2))
-        lines.append(f"position = {place}    # m, ± {fit.sigma:.1g}: antenna, by bends")
-    if fit is not None and fit.is_late:
-        side = "behind" if fit.lag > 0.0 else "ahead of"
-        lines.append(f"latency = {fit.lag:.2f}    # s, ± {fit.lag_sigma:.1g}, {side} the tracks")
-    return lines
-
-
-def _heading_keys(heading: HeadingTopic, estimates: LogEstimates) -> list[str]:
-    """Keys of [log.heading] but its topic."""
-    log, fit = estimates.log, estimates.fix_fit
-    keys = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
-    antenna = fit.place if fit is not None and fit.differs(np.zeros(2)) else None
-    offset = None if log is None else heading_offset(log, antenna)
-    if offset is None:
-        return [*keys, f"offset_deg = nan    {FILL_IN} (to the direction of driving)"]
-    remark = f"± {offset.sigma:.1g}: direction of driving less heading"
-    return [*keys, f"offset_deg = {_to_tenth(offset.value)}    # {remark}"]
-
-
-def _wander_lines(wander: FixWanderEstimate | str | None, states_sigma: bool) -> list[str]:
-    """Keys of the error of the fixes: its white part, and that which wanders."""
-    if not isinstance(wander, FixWanderEstimate):
+def _column_lines(estimates: LogEstimates) -> list[str]:
+    """Tables [log.columns], [log.columns.tracks], ...; none without columns."""
+    columns = estimates.mapping.columns
+    if columns is None:
         return []
-    if wander.reason:
-        # A part that seems slow is odometry's: little is known of a smaller white one.
-        if states_sigma or (wander.sigma and wander.white < PLACEHOLDER_SIGMA):
-            return []
-        return [f"position_sigma = {wander.white:.2g}    # m, white noise, against odometry"]
-    shortest, longest = wander.times
-    white = f"position_sigma = {wander.white:.2g}    # m, what is new in each fix, against odometry"
-    return [
-        # Where odometry does not tell the parts apart, the fixes' own sigma holds.
-        *([white] if wander.stated is None else []),
-        f"wander_sigma = {wander.sigma:.2g}    # m, the part that changes slowly",
-        f"wander_time = {wander.time:g}    # s; {shortest:g} to {longest:g} s fit as well",
-    ]
-
-
-def _column_lines(
-    columns: ColumnMap, track_latency: list[str], wander: list[str], fit: FixFit | None
-) -> list[str]:
-    """Tables [log.columns], [log.columns.tracks], ...; empty keys are left out."""
     lines = ["[log.columns]", f"time = {toml_value(columns.time)}"]
     lines.append(f"time_unit = {toml_value(columns.time_unit)}    # check it")
     for purpose in ("tracks", "imu", "fixes", "truth"):
         stream = getattr(columns, purpose)
-        if stream is None:
-            continue
-        lines += ["", f"[log.columns.{purpose}]", *_key_lines(stream, (), wander)]
-        if purpose == "tracks":
-            lines += [*([GAUGE_LINE] if stream.speed else []), *track_latency]
-        elif purpose == "fixes":
-            lines += [*wander, *_fit_lines(fit, stream.position)]
+        if stream is not None:
+            lines += ["", f"[log.columns.{purpose}]"]
+            lines += _key_lines(stream, _estimated_keys(purpose, stream, estimates))
+    return lines
+
+
+def _key_lines(stream: Any, estimated: Mapping[str, str], usual: Sequence[str] = ()) -> list[str]:
+    """Lines of a topic's or columns' keys: as estimated, or as guessed if not usual."""
+    lines = []
+    for key in stream.__struct_fields__:
+        value = getattr(stream, key)
+        if key in estimated:
+            lines += [estimated[key]] if estimated[key] else []
+        elif value not in (None, (), "", 0.0, (0.0, 0.0, 0.0), *usual):
+            text = repr(value) if key.startswith("clock_") else toml_value(value)  # all digits
+            remark = "    # check it" if key in CHECKED else ""
+            if key == "counts_per_turn":
+                text, remark = "nan", f"    {FILL_IN} (of the wheel)"
+            elif key == "position_sigma":
+                remark = f"    {FILL_IN} (m)"
+            lines.append(f"{key} = {text}{remark}")
+    return lines
+
+
+def _estimated_keys(purpose: str, stream: Any, estimates: LogEstimates) -> dict[str, str]:
+    """Lines of keys of a topic or columns by an estimate; empty for keys left out."""
+    lines = {"scale": ""}  # nobody can guess it
+    choice = estimates.clocks.get(purpose)
+    if choice is not None and choice.clock == "recording" and hasattr(stream, "topic"):
+        lines["time"] = f'time = "recording"    # {choice.reason}'
+    if purpose == "tracks" and not stream.left:
+        lines |= {"gauge": GAUGE_LINE, "unit": ""}
+    if purpose in ("tracks", "heading"):
+        lines["latency"] = _latency_line(estimates.latencies.get(purpose))
+    if purpose == "heading":
+        lines |= _heading_keys(stream, estimates)
+    if not getattr(stream, "yaw", ""):
+        lines["yaw_unit"] = ""
+    if purpose == "fixes":
+        lines |= _wander_keys(estimates.wander, estimates.states_fix_sigma)
+        lines |= _fit_keys(estimates.fix_fit, stream.position)
+    return lines
+
+
+def _latency_line(latency: Lag | NoLag | None) -> str:
+    """Key latency of a stream, or a comment why it is not written; empty if unknown."""
+    if not isinstance(latency, Lag):
+        return ""
+    if reason := objection(latency):
+        size = f"{latency.seconds:.3f} ± {latency.sigma:.1g} s"
+        return f"# Latency against the gyro: {size}, {reason}: not written."
+    lags = "lags" if latency.seconds > 0.0 else "leads"
+    return f"latency = {latency.seconds:.2f}    # s, ± {latency.sigma:.1g}: {lags} the gyro"
+
+
+def _heading_keys(heading: HeadingTopic, estimates: LogEstimates) -> dict[str, str]:
+    """Keys sigma and offset_deg of [log.heading]."""
+    log, fit = estimates.log, estimates.fix_fit
+    antenna = fit.place if fit is not None and fit.differs(np.zeros(2)) else None
+    offset = None if log is None else heading_offset(log, antenna)
+    offset_line = f"offset_deg = nan    {FILL_IN} (to the direction of driving)"
+    if offset is not None:
+        remark = f"± {offset.sigma:.1g}: direction of driving less heading"
+        offset_line = f"offset_deg = {_to_tenth(offset.value)}    # {remark}"
+    if heading.sigma is None:
+        return {"offset_deg": offset_line}
+    return {"sigma": f"sigma = {heading.sigma}    {FILL_IN} (rad)", "offset_deg": offset_line}
+
+
+def _wander_keys(wander: FixWanderEstimate | str | None, states_sigma: bool) -> dict[str, str]:
+    """Keys of the error of the fixes: its white part, and that which wanders."""
+    if not isinstance(wander, FixWanderEstimate):
+        return {}
+    white = f"position_sigma = {wander.white:.2g}    # m"
+    if wander.reason:
+        # A part that seems slow is odometry's: little is known of a smaller white one.
+        if states_sigma or (wander.sigma and wander.white < PLACEHOLDER_SIGMA):
+            return {}
+        return {"position_sigma": f"{white}, white noise, against odometry"}
+    shortest, longest = wander.times
+    lines = {
+        "position_sigma": f"{white}, what is new in each fix, against odometry",
+        "wander_sigma": f"wander_sigma = {wander.sigma:.2g}    # m, the part that changes slowly",
+        "wander_time": f"wander_time = {wander.time:g}    # s; {shortest:g} to {longest:g} s fit as well",
+    }
+    if wander.stated is not None:
+        # Where odometry does not tell the parts apart, the fixes' own sigma holds.
+        lines["position_sigma"] = ""
+    return lines
+
+
+def _fit_keys(fit: FixFit | None, known: tuple[float, ...]) -> dict[str, str]:
+    """Keys of the fixes: their latency, and the place of the antenna."""
+    lines = {}
+    if any(known):
+        lines["position"] = f"position = {_metres(known)}    # m, of the antenna, by /{STATIC}"
+    elif fit is not None and fit.differs(np.zeros(2)):
+        place = _metres(fit.place.round(2))
+        lines["position"] = f"position = {place}    # m, ± {fit.sigma:.1g}: antenna, by bends"
+    if fit is not None and fit.is_late:
+        lag, side = f"{fit.lag:.2f}", "behind" if fit.lag > 0.0 else "ahead of"
+        lines["latency"] = f"latency = {lag}    # s, ± {fit.lag_sigma:.1g}, {side} the tracks"
     return lines
 
 

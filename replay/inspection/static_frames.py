@@ -38,13 +38,14 @@ def static_mounts(surveys: Collection[Survey]) -> dict[str, Mount]:
     links = transforms.static_links
     frames = {frame for link in links for frame in link}
     base = next((frame for name in BASES for frame in sorted(frames) if frame.endswith(name)), None)
-    mounts = dict[str, Mount]()
-    if len(links) >= len(frames):
-        return mounts  # a loop: they are no tree
+    # Of a tree: with a loop there are as many links as frames.
+    if base is None or len(links) >= len(frames):
+        return {}
+    mounts = {}
     for survey in surveys:
-        if base is None or survey.msgtype not in (IMU, NAVSATFIX):
-            continue
-        if survey.frame_id.strip("/") in BASES:  # its driver has turned it, its place is unknown
+        # In a frame of the robot the driver has turned the readings, and the place is unknown.
+        is_turned = survey.frame_id.strip("/") in BASES
+        if survey.msgtype not in (IMU, NAVSATFIX) or is_turned:
             continue
         transforms.frames = base, survey.frame_id
         if (pose := transforms.static_pose()) is not None:

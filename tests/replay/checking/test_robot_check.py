@@ -552,9 +552,3 @@ def test_a_unit_of_the_tracks_is_found_without_a_truth(log, factor, unit) -> Non
     (check,) = [one for one in check_robot(bare, fast) if one.problem]
     assert "no slip explains" in check.problem
     assert f"in {unit}?" in check.remedy
-
-
-@pytest.mark.parametrize(("topic", "notes"), [("/cmd_vel", 1), ("/odom", 0)])
-def test_track_speeds_of_commands_are_named(topic: str, notes: int) -> None:
-    robot = with_values(ALPHA, log={"tracks": {"topic": topic}})
-    assert len(robot_check.commanded(robot)) == notes
