@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, changed_robot
-from icreckon.replay.checking import fix_checks, imu_checks, track_checks, velocity_checks
+from icreckon.replay.checking import fix_checks, imu_checks, track_checks
 from icreckon.replay.checking.check import (
     FORWARD,
     LATENCY,
@@ -41,7 +41,7 @@ CHECKS = (
     imu_checks.check_noise,
     fix_checks.check_antenna,
     fix_checks.check_heading,
-    velocity_checks.check_velocity,
+    fix_checks.check_velocity,
 )
 # These compare both sides with the gyro, which stands in for a side that is stuck or reads too little.
 OF_BOTH_SIDES = {
