@@ -43,7 +43,9 @@ def command(
     definitions = read_definitions(message_files or [])
     with console.progress(f"reading {source_name(paths)}") as report:
         log = read_log(paths, robot, definitions=definitions, progress=report)
-    log = replace(log, notes=(*log.notes, *robot_check.far_centre(robot)))
+    log = replace(
+        log, notes=(*log.notes, *robot_check.commanded(robot), *robot_check.far_centre(robot))
+    )
     checks = robot_check.check_robot(log, robot)
     worth = None
     has_streams = len(log.tracks.stamps) > 0 and log.imu is not None

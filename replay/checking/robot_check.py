@@ -21,7 +21,8 @@ from icreckon.replay.checking.check import (
     Check,
     corrected,
 )
-from icreckon.replay.mapping.topics import with_column_keys
+from icreckon.replay.mapping.naming import is_command
+from icreckon.replay.mapping.topics import topic_map, with_column_keys
 
 SLIGHT = 1.2  # factor of the scale up to which the wheels can be the right ones [-]
 # In this order: each needs what those before it have corrected.
@@ -65,6 +66,17 @@ def check_robot(log: Log, robot: Robot) -> list[Check]:
             checks.append(replace(check, remedy=with_column_keys(check.remedy, robot)))
             log, robot = corrected(log, robot, [check])
     return checks
+
+
+def commanded(robot: Robot) -> list[str]:
+    """Note on track speeds that are commands by the name of their topic, or nothing."""
+    tracks = topic_map(robot).tracks
+    if tracks is None or not is_command(tracks.topic):
+        return []
+    return [
+        f"the track speeds are those of {tracks.topic}, commands by its name: a robot that stalls, or is "
+        "stopped, counts as driving"
+    ]
 
 
 def far_centre(robot: Robot) -> list[str]:

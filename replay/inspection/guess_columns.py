@@ -1,7 +1,7 @@
 """Guess of the column map of an unknown table, by the names of its columns."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +29,7 @@ BARE = re.compile(
 )
 # Last words of the names of a pose.
 POSE_NAMES = [re.compile(rf"(?:^|[_.])(?:{one})$") for one in ("t?x", "t?y", "yaw|heading|theta")]
+PLACE_IN_PARTS = re.compile(r"(?:^|[_.])t?[xy]_[cm]m$")  # names of positions in mm and cm
 # Names of a file of poses that nobody measured apart from the robot's own sensors.
 ESTIMATED = re.compile(r"odom|wheel|encoder|ekf|ukf|fused|filter|estimat|predict|reckon")
 SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
@@ -93,6 +94,27 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         if imu is None and (keys := naming.imu_keys(names)):
             imu = ImuColumns(**keys, **time._asdict())
     return ColumnMap(*main, tracks, imu, fixes, truth)
+
+
+def unused_columns(tables: Sequence[Table], columns: ColumnMap | None) -> Iterator[str]:
+    """Findings on wheels like those of the mapping, and positions, that it lacks."""
+    if columns is None:
+        return
+    names = {column.name for table in tables for column in table.columns if column.is_number}
+    if columns.tracks is not None and (used := columns.tracks.left):
+        wheels = [
+            name
+            for name in sorted(names - {*used, *columns.tracks.right})
+            if naming.is_of_wheel(name)
+            and naming.unit_of(name, "m/s") == naming.unit_of(used[0], "m/s")
+            and not naming.is_truth(name)
+        ]
+        if len(wheels) > 1:
+            yield f"tracks: {', '.join(wheels)} not used; left and right take all wheels of a side"
+    if columns.truth is None:
+        places = [name for name in names if PLACE_IN_PARTS.search(name.lower())]
+        if places:
+            yield f"positions not used: {', '.join(sorted(places))}; a truth is in metres"
 
 
 def _with_gravity(names: Sequence[str], table: Table) -> list[str]:

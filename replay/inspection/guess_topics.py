@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import product
+from re import Pattern
 
 import numpy as np
 
@@ -251,14 +252,30 @@ def _imu(surveys: Surveys, namespaces: Collection[str] = ()) -> ImuTopic | None:
         keys = naming.imu_keys([*_paths(survey)])
         if keys and len(keys["angular_velocity"]) == 3:
             candidates[survey.topic] = keys
-    if not candidates:
+    if candidates:
+        topic = max(candidates, key=lambda k: (len(candidates[k]["linear_acceleration"]), k))
+        return ImuTopic(topic, **candidates[topic])
+    rates = _vectors(surveys, naming.GYRO)
+    if rates is None:
         return None
-    topic = max(candidates, key=lambda k: (len(candidates[k]["linear_acceleration"]), k))
-    return ImuTopic(topic, **candidates[topic])
+    forces_topic, forces = _vectors(surveys, naming.ACCELEROMETER) or (None, ())
+    return ImuTopic(rates[0], forces_topic, angular_velocity=rates[1], linear_acceleration=forces)
+
+
+def _vectors(surveys: Surveys, pattern: Pattern[str]) -> tuple[str, tuple[str, ...]] | None:
+    """Guess a topic with one vector, by its name, and the fields of that."""
+    for survey in surveys:
+        if survey.msgtype == ros.VECTOR or is_special(survey):
+            ends = {path: path.rpartition(".")[2] for path in _paths(survey)}
+            names = {f"{survey.topic}_{end}": path for path, end in ends.items() if end in {*"xyz"}}
+            axes = naming.axes_of([*names], pattern)
+            if len(axes) == len("xyz") and not naming.is_command(survey.topic):
+                return survey.topic, tuple(names[axis] for axis in axes)
+    return None
 
 
 def unused_topics(surveys: Collection[Survey], mapping: TopicMap) -> Iterator[str]:
-    """Findings on robots, odometries and positions that a mapping lacks."""
+    """Findings on robots, wheels, odometries and positions that a mapping lacks."""
     if names := robots(surveys):
         yield (
             f"topics of {len(names)} robots ({', '.join(names)}): those of {names[0]} are proposed; for "
@@ -270,6 +287,13 @@ def unused_topics(surveys: Collection[Survey], mapping: TopicMap) -> Iterator[st
                 f"{survey.topic}: an odometry by camera or lidar, which is none of the wheels'; as a "
                 f'measurement in addition, topic = "{survey.topic}" in [log.velocity]'
             )
+    tracks = mapping.tracks
+    if tracks is not None and tracks.right_topic is not None:
+        sides = {survey.topic for survey in surveys if may_be_a_side(survey)}
+        others = sides - {tracks.topic, tracks.right_topic}
+        quantity = naming.family_of(tracks.topic)
+        if wheels := sorted(topic for topic in others if naming.family_of(topic) == quantity):
+            yield f"tracks: a topic of each side is read; not used: {', '.join(wheels)}"
     used = {stream.topic for stream in (mapping.fixes, mapping.truth) if stream is not None}
     kinds = ros.POSE, ros.POSE_WITH_COVARIANCE, ros.NAVSATFIX
     unused = {survey.topic for survey in _of_types([*surveys], *kinds)} - used

@@ -20,7 +20,7 @@ from icreckon.replay.estimates.imu_mounting import Mounting
 from icreckon.replay.estimates.track_by_rate import TrackByRate
 from icreckon.replay.inspection import static_frames, topic_survey
 from icreckon.replay.inspection.findings import findings, missing_tracks
-from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of
+from icreckon.replay.inspection.guess_columns import guess_columns, time_column_of, unused_columns
 from icreckon.replay.inspection.guess_topics import guess_topics, unused_topics
 from icreckon.replay.inspection.log_estimates import NO_SIZES, Sizes, log_estimates, with_keys
 from icreckon.replay.inspection.robot_file import robot_file_text
@@ -103,6 +103,7 @@ def inspect(
     if not mapping.track_keys:
         topic_findings.append(missing_tracks(surveys))
     topic_findings += unused_topics(surveys, mapping)
+    topic_findings += unused_columns(tables, mapping.columns)
     return Inspection(
         path=first,
         duration=_duration(surveys, log if tables else None),

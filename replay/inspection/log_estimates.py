@@ -35,6 +35,7 @@ from icreckon.replay.inspection.static_frames import Mount, with_static_yaw
 from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
 from icreckon.replay.reading.gather import Gathered, gather
+from icreckon.replay.reading.stamps import true_runs
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
 UNUSED = ("latency", "gauge")  # keys that an inspection ignores and estimates
@@ -73,7 +74,7 @@ class LogEstimates:
     )
     imu_mount: Mount | None = None  # static transform of the IMU
     fix_fit: fix_wander.FixFit | None = None  # place of the antenna, lag and scale by the fixes
-    stuck: Sequence[StuckSide] = ()  # sides that repeat one reading; the wheels are unknown then
+    stuck: Sequence[StuckSide] = ()  # sides that repeat one reading; not part of the wheels
     track: TrackByRate | None = None  # effective track of the whole log and over the yaw rate
 
     @property
@@ -204,7 +205,11 @@ def _measured(estimates: LogEstimates, log: Log) -> LogEstimates:
     # Counts have no scale yet, by which wheels could be estimated.
     shows_wheels = not (estimates.mapping.lacks_counts_per_turn or is_apart)
     correlation = mounting.turning_correlation if mounting else None
-    wheels, stuck = _wheels(aligned, yaw_rates if shows_wheels else None, correlation)
+    stuck = _stuck_sides(aligned, yaw_rates if shows_wheels else None, correlation)
+    sound = longest_without(aligned, stuck)
+    wheels = NO_WHEELS
+    if shows_wheels and yaw_rates is not None:
+        wheels = wheel_estimates(sound, yaw_rates, correlation)
     measured = replace(
         estimates,
         mounting=mounting,
@@ -217,20 +222,30 @@ def _measured(estimates: LogEstimates, log: Log) -> LogEstimates:
         wander=wander,
         fix_fit=fit,
     )
-    return replace(measured, track=_track_by_rate(measured, aligned.tracks))
+    return replace(measured, track=_track_by_rate(measured, sound.tracks))
 
 
-def _wheels(
+def _stuck_sides(
     log: Log, yaw_rates: YawRates | None, correlation: float | None
-) -> tuple[WheelEstimates, list[StuckSide]]:
-    """Estimate the wheels, unless a side repeats one reading, and list such sides."""
-    wheels, turning = NO_WHEELS, None
+) -> list[StuckSide]:
+    """Sides that repeat one reading, by the gyro if the effective track is known."""
+    turning = None
     if yaw_rates is not None:
-        wheels = wheel_estimates(log, yaw_rates, correlation)
-        if wheels.track is not None:
-            turning = np.interp(log.tracks.stamps, *yaw_rates) * wheels.track.value
-    stuck = stuck_sides(log.tracks, turning)
-    return NO_WHEELS if stuck else wheels, stuck
+        track = wheel_estimates(log, yaw_rates, correlation).track
+        if track is not None:
+            turning = np.interp(log.tracks.stamps, *yaw_rates) * track.value
+    return stuck_sides(log.tracks, turning)
+
+
+def longest_without(log: Log, stuck: Sequence[StuckSide]) -> Log:
+    """Longest part of a log in which no side is stuck; the log if there is none."""
+    if not stuck:
+        return log
+    is_sound = np.ones(len(log.tracks.stamps), dtype=bool)
+    for rows in (rows for side in stuck for rows in side.spans):
+        is_sound[rows] = False
+    runs = log.tracks.stamps[true_runs(is_sound)]
+    return log.between(*max(runs.tolist(), key=lambda run: run[1] - run[0])) if len(runs) else log
 
 
 def _mounting_and_yaw_rates(

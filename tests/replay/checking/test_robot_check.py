@@ -552,3 +552,16 @@ def test_a_unit_of_the_tracks_is_found_without_a_truth(log, factor, unit) -> Non
     (check,) = [one for one in check_robot(bare, fast) if one.problem]
     assert "no slip explains" in check.problem
     assert f"in {unit}?" in check.remedy
+
+
+def test_track_speeds_of_commands_are_named(log) -> None:
+    def of_topic(name: str) -> Robot:
+        return with_values(ALPHA, log={"tracks": {"topic": name}})
+
+    (note,) = robot_check.commanded(of_topic("/cmd_vel"))
+    assert "a robot that stalls" in note
+    assert robot_check.commanded(of_topic("/odom")) == []
+    # It is a note, and no value that the log does not show.
+    assert [one.name for one in check_robot(log, of_topic("/cmd_vel"))] == [
+        one.name for one in check_robot(log, of_topic("/odom"))
+    ]

@@ -105,6 +105,24 @@ def test_a_side_that_is_stuck_is_a_finding(tmp_path: Path, left, right, is_stuck
     assert found == is_stuck
 
 
+def test_a_side_that_is_stuck_for_a_while_does_not_change_the_effective_track(
+    tmp_path: Path,
+) -> None:
+    robot = load_robot("auriga-alpha")
+    whole = simulate(Scenario(duration=120.0, seed=2, fix_rate=0.0), robot)
+    speeds, times = whole.tracks.speeds.copy(), whole.tracks.stamps - whole.start
+    stuck = (times > 50e9) & (times < 80e9)
+    speeds[stuck, 0] = 0.6
+    failing = replace(whole, tracks=TrackSpeedSeries(whole.tracks.stamps, speeds))
+    found = []
+    for name, log in (("whole", whole), ("failing", failing)):
+        write_log(log, tmp_path / name, "mcap", robot)
+        inspection = inspect(tmp_path / name)
+        found.append(inspection.track.whole)
+    assert any("the left side repeats one reading" in text for text in inspection.findings)
+    assert found[1] == pytest.approx(found[0], rel=0.02)
+
+
 def test_gaps_of_a_driver_that_sends_nothing_at_rest_are_standstills() -> None:
     options = {"drive": 6.0, "rest": 10.0}
     scenario = Scenario(duration=50.0, seed=3, trajectory="stop-and-go", trajectory_options=options)
@@ -240,3 +258,22 @@ def test_a_gap_between_slow_speeds_is_one_stop_with_its_ends() -> None:
     speeds = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0])
     log = Log("paused", TrackSpeedSeries(stamps, np.column_stack([speeds, speeds])))
     assert wheels.standstills(log) == [(2.0, 34.0)]
+
+
+@pytest.mark.parametrize(
+    ("names", "left", "left_out"),
+    [
+        ("VL [rpm];HL [rpm];VR [rpm];HR [rpm]", ("VL [rpm]", "HL [rpm]"), ""),
+        ("rpm_l;rpm_r;rpm_x1;rpm_x2", ("rpm_l",), "tracks: rpm_x1, rpm_x2 not used"),
+        ("v_l;v_r;pos_x_mm;pos_y_mm", ("v_l",), "positions not used: pos_x_mm, pos_y_mm"),
+    ],
+)
+def test_columns_that_are_left_out_are_named(tmp_path: Path, names, left, left_out) -> None:
+    times = np.arange(0.0, 20.0, 0.05)
+    rows = np.column_stack([times, *(np.sin(0.3 * times + k) for k in range(4))])
+    np.savetxt(tmp_path / "log.csv", rows, "%.5f", ";", header=f"t;{names}", comments="")
+    found = inspect(tmp_path / "log.csv")
+    assert found.mapping.columns.tracks.left == left
+    named = [text for text in found.findings if "not used" in text]
+    assert len(named) == bool(left_out)
+    assert all(text.startswith(left_out) for text in named)

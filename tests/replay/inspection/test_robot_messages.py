@@ -11,7 +11,7 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from bag_messages import header, imu, joints, pose_stamped
+from bag_messages import T, header, imu, joints, pose_stamped, vector
 from icreckon import inspect, load_robot, read_log
 
 START, STEP = 1_700_000_000_000_000_000, 50_000_000
@@ -280,6 +280,23 @@ def test_joints_with_positions_alone(tmp_path: Path) -> None:
 
 def wheels(_: Any, k: int) -> Any:
     return joints(START + k * STEP, (LEFT[k], RIGHT[k]), ("wheel_l", "wheel_r"))
+
+
+def test_gyros_and_accelerometers_as_vectors_on_two_topics(tmp_path: Path) -> None:
+    def vectors(x: float, y: float, z: float, k: int) -> Any:
+        return T["geometry_msgs/msg/Vector3Stamped"](header(START + k * STEP), vector(x, y, z))
+
+    topics = {
+        "/imu": lambda *_: None,
+        "/imu/angular_velocity": lambda _, k: vectors(0.0, 0.0, TURN[k], k),
+        "/imu/acceleration": lambda _, k: vectors(0.0, SPEED[k] * TURN[k], 9.80665, k),
+    }
+    topics |= {"/joint_states": wheels}
+    robot = written(tmp_path / "bag", {}, topics)
+    of_imu = robot["log"]["imu"]
+    assert of_imu["topic"] == "/angular_velocity"
+    assert of_imu["acceleration_topic"] == "/acceleration"
+    assert robot["imu"]["rotation_rpy_deg"] == pytest.approx([0.0, 0.0, 0.0], abs=0.2)
 
 
 def test_counts_of_an_imu(tmp_path: Path) -> None:
