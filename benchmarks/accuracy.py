@@ -211,7 +211,7 @@ def calibrated(data: Path, fold: Fold) -> tuple[Robot, Robot]:
         mounting = estimate_mounting(log)
         if log.imu is None or mounting is None:
             raise ValueError(f"{piece.log} has no IMU with accelerometers")
-        latency = track_latency(log.tracks, log.imu, vertical_rate(log.imu, mounting))
+        latency = track_latency(log.tracks, vertical_rate(log.imu, mounting))
         if isinstance(latency, Lag) and not objection(latency):
             late.append(latency.seconds)
     makers = with_latency(robot, float(np.mean(late)) if late else 0.0)

@@ -19,7 +19,6 @@ from icreckon.replay.checking import robot_check
 from icreckon.replay.checking.check import Check
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
 from icreckon.replay.checking.worth import LEAST_COST, VARIANT, Worth, judged
-from icreckon.replay.inspection.inspect import guess_mapping
 from icreckon.replay.reading.gather import source_name
 from icreckon.replay.reading.read_log import read_log
 
@@ -44,7 +43,6 @@ def command(
     definitions = read_definitions(message_files or [])
     with console.progress(f"reading {source_name(paths)}") as report:
         log = read_log(paths, robot, definitions=definitions, progress=report)
-        guessed = guess_mapping(paths, definitions=definitions)
     log = replace(
         log, notes=(*log.notes, *robot_check.commanded(robot), *robot_check.far_centre(robot))
     )
@@ -58,12 +56,10 @@ def command(
         with console.progress(title, compiles=kernels) as report, suppress(ReplayError):
             checks, worth, notes = judged(log, robot, checks, report)
             log = replace(log, notes=(*log.notes, *notes))
-    hints = [] if guessed is None else robot_check.topics_left_out(guessed, robot)
-    hints = [hint for hint in hints if hint not in log.notes]
     if as_json:
-        typer.echo(json.dumps(_json_results(checks, worth, hints), indent=1))
+        typer.echo(json.dumps(_json_results(checks, worth), indent=1))
     else:
-        _show(log, checks, worth, hints, is_seen=is_seen)
+        _show(log, checks, worth, is_seen=is_seen)
     if ros is not None:
         wrong = [check.name for check in checks if check.problem and check.correction is not None]
         source = "by this log" if wrong else "of the robot file"
@@ -85,9 +81,7 @@ def _costs(checks: list[Check], worth: Worth | None) -> list[tuple[float, Check]
     return sorted(pairs, key=lambda pair: math.inf if math.isnan(pair[0]) else -pair[0])
 
 
-def _show(
-    log: Log, checks: list[Check], worth: Worth | None, hints: list[str], *, is_seen: bool
-) -> None:
+def _show(log: Log, checks: list[Check], worth: Worth | None, *, is_seen: bool) -> None:
     out = console.results()
     console.print_banner(log.notes)
     for what, count in log.dropped.items():
@@ -115,8 +109,6 @@ def _show(
         out.print(Text(f"\n{text}"))
     if worth is not None and worth.missing:
         out.print(Text(f"\nTo learn more in the next log: {'; '.join(worth.missing)}."))
-    for hint in hints:
-        out.print(Text(f"\nHint: {hint}"))
 
 
 def _verdict(checks: list[Check], contradictions: int, *, is_seen: bool) -> str:
@@ -159,7 +151,7 @@ def _drift(worth: Worth, *, is_wrong: bool, has_truth: bool) -> str:
     return text
 
 
-def _json_results(checks: list[Check], worth: Worth | None, hints: list[str]) -> Any:
+def _json_results(checks: list[Check], worth: Worth | None) -> Any:
     costs = {id(check): cost for cost, check in _costs(checks, worth)}
     return json_types(
         {
@@ -177,7 +169,6 @@ def _json_results(checks: list[Check], worth: Worth | None, hints: list[str]) ->
                 }
                 for check in checks
             ],
-            "left_out": hints,
             "missing_manoeuvres": [] if worth is None else worth.missing,
             "is_of_another_robot": robot_check.is_of_another(checks),
             "variant": VARIANT,

@@ -14,39 +14,21 @@ from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.estimates import imu_mounting
-from icreckon.replay.estimates.wheels import STRAIGHT as LARGEST_TURNING
-from icreckon.replay.estimates.wheels import wheel_estimates
+from icreckon.replay.estimates.imu_mounting import YawRates
+from icreckon.replay.estimates.wheels import LARGEST_TURNING, Estimate, wheel_estimates
 from icreckon.replay.mapping.topics import topic_map
 
 SIGMAS = 3.0  # standard errors from which a difference is significant
 MOUNTING, FORWARD = "tilt of the IMU", "forward axis of the IMU"
 SCALE, TRACK, LATENCY = "scale of the tracks", "effective track", "latency of the tracks"
-STRAIGHT = 0.2  # largest turning of a window in which tracks hardly slip [rad]
+NEARLY_STRAIGHT = 0.2  # largest turning of a window in which tracks hardly slip [rad]
 
 Correction = Callable[[Log, Robot], tuple[Log, Robot]]
 Settings = dict[str, float | list[float]]
 
 
-class Estimate(NamedTuple):
-    """Estimate by a log."""
-
-    value: float
-    sigma: float | None  # standard error, None if unknown
-    source: str = "gyro"  # "gyro", "truth", "fixes" or "accelerometer"
-
-    @property
-    def error(self) -> str:
-        """Standard error as text, such as " ± 0.012"; empty if unknown."""
-        return "" if self.sigma is None else f" ± {self.sigma:.2g}"
-
-    def times(self, factor: float) -> Self:
-        """Estimate and standard error times a factor."""
-        sigma = None if self.sigma is None else self.sigma * factor
-        return self._replace(value=self.value * factor, sigma=sigma)
-
-
 class Measured(NamedTuple):
-    """Quantity that a log shows."""
+    """Quantity measured from a log."""
 
     value: float  # the estimate
     unit: str  # "m", "s", ...; "-" for none
@@ -77,8 +59,9 @@ class Check:
         settings: Settings | None = None,
     ) -> Self:
         """Copy as a contradiction of the file; arguments as the attributes."""
-        new = replace(self, problem=problem, remedy=remedy, correction=correction)
-        return replace(new, settings=settings or {})
+        return replace(
+            self, problem=problem, remedy=remedy, correction=correction, settings=settings or {}
+        )
 
 
 def corrected(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]:
@@ -89,12 +72,24 @@ def corrected(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Rob
     return log, robot
 
 
-def in_base(imu: ImuSeries, robot: Robot) -> tuple[Floats, Floats | None]:
-    """Yaw rate (n,) [rad/s] and specific force (n, 3) or None [m/s²] in base_link."""
-    rotation = robot.imu_rotation
-    vertical = imu_mounting.rate_about(rotation[2], imu.angular_velocity, robot.imu.gyro_axes)
+def imu_yaw_rates(imu: ImuSeries, robot: Robot) -> YawRates:
+    """Rates about the vertical of base_link, by the mounting in the robot file."""
+    upward = robot.imu_rotation[2]
+    rates = imu_mounting.rate_about(upward, imu.angular_velocity, robot.imu.gyro_axes)
+    return YawRates(imu.stamps, rates)
+
+
+def force_in_base(imu: ImuSeries, robot: Robot) -> Floats | None:
+    """Specific force (n, 3) in base_link [m/s²], None without accelerometers."""
     force = imu.linear_acceleration
-    return vertical, None if force is None else np.asarray(force @ rotation.T)
+    return None if force is None else np.asarray(force @ robot.imu_rotation.T)
+
+
+def comparable_yaw_rates(log: Log, robot: Robot) -> YawRates | None:
+    """Yaw rates to compare with tracks; None without an IMU or usable track speeds."""
+    if log.imu is None or not imu_mounting.are_usable(log.tracks):
+        return None
+    return imu_yaw_rates(log.imu, robot)
 
 
 def has_track_rates(robot: Robot) -> bool:
@@ -129,24 +124,23 @@ def effective_track(robot: Robot) -> float:
 
 def measured_track(log: Log, robot: Robot) -> Estimate | None:
     """Effective track by gyro and tracks [m]; None if they turn too little."""
-    if log.imu is None or not imu_mounting.are_usable(log.tracks):
+    yaw_rates = comparable_yaw_rates(log, robot)
+    if yaw_rates is None:
         return None
-    vertical, _ = in_base(log.imu, robot)
-    correlation = imu_mounting.turning_correlation(log.tracks, log.imu, vertical)
-    wheels = wheel_estimates(log, vertical, correlation)
-    return None if wheels.track_ratio is None else Estimate(wheels.track_ratio, wheels.track_sigma)
+    correlation = imu_mounting.turning_correlation(log.tracks, yaw_rates)
+    return wheel_estimates(log, yaw_rates, correlation).track
 
 
 def measured_scale(log: Log, robot: Robot, *, with_bends: bool = False) -> Estimate | None:
-    """Distance by truth or fixes over that of the tracks [-]; None if not observable."""
-    # Windows in which tracks slip in a bend count only with `with_bends`.
-    if log.imu is None or not imu_mounting.are_usable(log.tracks):
+    """Distance by truth or fixes over that of the tracks [-]; None if not observable.
+
+    Windows in which tracks slip in a bend count only with `with_bends`.
+    """
+    yaw_rates = comparable_yaw_rates(log, robot)
+    if yaw_rates is None:
         return None
-    vertical, _ = in_base(log.imu, robot)
-    wheels = wheel_estimates(log, vertical, None, LARGEST_TURNING if with_bends else STRAIGHT)
-    if wheels.distance_ratio is None:
-        return None
-    return Estimate(wheels.distance_ratio, wheels.distance_sigma, wheels.distance_source)
+    most_turning = LARGEST_TURNING if with_bends else NEARLY_STRAIGHT
+    return wheel_estimates(log, yaw_rates, None, most_turning).distance
 
 
 def true_motion(log: Log, truth: Truth, window: float) -> tuple[Stamps, Floats] | None:

@@ -11,7 +11,16 @@ from icreckon.estimator.base.frames import matrix_to_rpy, rpy_to_matrix
 from icreckon.estimator.log.failed_sensors import imu_span
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import LEAST_UPRIGHT, Robot
-from icreckon.replay.checking.check import FORWARD, MOUNTING, Check, Measured, in_base, with_imu
+from icreckon.replay.checking.check import (
+    FORWARD,
+    MOUNTING,
+    Check,
+    Measured,
+    comparable_yaw_rates,
+    force_in_base,
+    imu_yaw_rates,
+    with_imu,
+)
 from icreckon.replay.estimates import imu_mounting
 from icreckon.replay.estimates.gyro_bias import gyro_bias
 from icreckon.replay.estimates.wheels import GRAVITY, WRONG_GRAVITY, unit_of_gravity
@@ -31,8 +40,8 @@ OTHER_NOISE = 3.0  # measured noise density over the file's that is reported [-]
 FEWEST_STILL = 20  # fewest pairs of neighbouring samples at standstill that show the noise
 
 
-def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
-    """Report too few track speeds, absurd rates, and an IMU that is missing or stops."""
+def check_samples(log: Log, _robot: Robot) -> Iterator[Check]:
+    """Report too few track speeds, or an IMU that misses a part of the log."""
     count = len(log.tracks.stamps)
     if count < FEWEST_SPEEDS:
         problem = f"the log has {count} track speeds: too few to check anything"
@@ -48,20 +57,28 @@ def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
             yield Check("IMU's span", "whole log", text).contradicted(
                 problem, remedy, lambda log, robot: (log.between(first, last), robot)
             )
-    source = robot.log.get("imu", {}).get("topic")
-    if source is None and "imu" in robot.log.get("columns", {}):
-        source = "its columns"
-    largest = 0.0 if log.imu is None else float(np.abs(log.imu.angular_velocity).max())
+
+
+def check_readings(log: Log, robot: Robot) -> Iterator[Check]:
+    """Report an IMU without samples, or with absurd rates."""
+    if log.imu is None:
+        source = robot.log.get("imu", {}).get("topic")
+        if source is None and "imu" in robot.log.get("columns", {}):
+            source = "its columns"
+        if source is not None:
+            problem = (
+                f"the log has no IMU sample on {source}: the heading is that of the tracks alone"
+            )
+            remedy = "the right topic in [log.imu]; icreckon inspect lists those of the log"
+            yield Check("IMU", str(source), "no sample", problem, remedy)
+        return
+    largest = float(np.abs(log.imu.angular_velocity).max())
     if largest > imu_mounting.ABSURD:
         yield Check("gyro", "rad/s", f"up to {largest:.3g} rad/s").contradicted(
             f"the gyro reads {largest:.3g} rad/s",
             'rate_unit in [log.imu] ("deg/s", "mdps"), or its driver',
             lambda log, robot: (replace(log, imu=None), robot),
         )
-    if log.imu is None and source is not None:
-        problem = f"the log has no IMU sample on {source}: the heading is that of the tracks alone"
-        remedy = "the right topic in [log.imu]; icreckon inspect lists those of the log"
-        yield Check("IMU", str(source), "no sample", problem, remedy)
 
 
 def check_gravity(log: Log, robot: Robot) -> Iterator[Check]:
@@ -76,20 +93,21 @@ def check_gravity(log: Log, robot: Robot) -> Iterator[Check]:
     if abs(size - GRAVITY) <= max(WRONG_GRAVITY * GRAVITY, usual):
         yield check
         return
-
     has_gravity = size > imu_mounting.NO_GRAVITY
-
-    def scaled(log: Log, robot: Robot) -> tuple[Log, Robot]:
-        assert log.imu is not None  # noqa: S101 - checked above
-        force = np.asarray(log.imu.linear_acceleration) * (GRAVITY / size) if has_gravity else None
-        return replace(log, imu=replace(log.imu, linear_acceleration=force)), robot
-
     unit = "mg" if size > LEAST_IN_MG else "g"
     remedy = f'acceleration_unit = "{unit}" in [log.imu], where the driver publishes {unit}'
     if abs(size - GRAVITY) <= OFFSET_OF_GRAVITY * GRAVITY:
         remedy = "the accelerometer's scale or offset: calibrate it, or scale it in the driver"
     if not has_gravity:
         remedy = "the driver, or the columns: accelerations without gravity show no attitude"
+
+    def scaled(log: Log, robot: Robot) -> tuple[Log, Robot]:
+        """Correct the size of the specific force, or remove it if it has no gravity."""
+        if log.imu is None or log.imu.linear_acceleration is None:
+            return log, robot
+        force = log.imu.linear_acceleration * (GRAVITY / size) if has_gravity else None
+        return replace(log, imu=replace(log.imu, linear_acceleration=force)), robot
+
     yield check.contradicted(
         f"the accelerometer reads {size:.4g} m/s² on average, not {GRAVITY}{unit_of_gravity(size)}",
         remedy,
@@ -105,7 +123,7 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
     """
     if log.imu is None:
         return
-    rate, force = in_base(log.imu, robot)
+    rate, force = imu_yaw_rates(log.imu, robot).rates, force_in_base(log.imu, robot)
     if force is None:
         return
     up = np.nanmean(force, axis=0)
@@ -165,20 +183,18 @@ def check_forward(log: Log, robot: Robot) -> Iterator[Check]:
     """Yaw of the IMU's mounting, to the next 90 degrees, by accelerations."""
     if log.imu is None or len(log.imu.stamps) < 2 or not imu_mounting.are_usable(log.tracks):
         return
-    vertical, force = in_base(log.imu, robot)
-    speeds = log.tracks.speeds
+    force, speeds = force_in_base(log.imu, robot), log.tracks.speeds
     is_driving = np.abs(speeds.mean(axis=1)).mean() > LEAST_DRIVING * np.abs(speeds).mean()
     if force is None or not is_driving:
         return
     horizontal = np.nan_to_num(force[:, :2])
-    yaw = imu_mounting.forward_yaw(log.tracks, log.imu.stamps, horizontal, vertical)
+    yaw = imu_mounting.forward_yaw(log.tracks, imu_yaw_rates(log.imu, robot), horizontal)
     in_file = _angles_text(robot.imu.rotation_rpy_deg)
     if yaw is None:
         yield Check(FORWARD, in_file, "not seen: accelerations fit no multiple of 90 deg clearly")
         return
     in_log = f"{yaw:+.0f} deg about the vertical" if yaw else "as the tracks accelerate"
-    measured = Measured(yaw, "deg", 0.0)
-    check = Check(FORWARD, in_file, in_log, measured=measured)
+    check = Check(FORWARD, in_file, in_log, measured=Measured(yaw, "deg", 0.0))
     if yaw != 0.0:
         about_z = rpy_to_matrix(0.0, 0.0, math.radians(yaw))
         angles = _rounded_angles(about_z @ robot.imu_rotation)
@@ -196,8 +212,7 @@ def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
     """Bias of the gyro at standstill, or else by truth or tracks."""
     if log.imu is None:
         return
-    vertical, _ = in_base(log.imu, robot)
-    bias = gyro_bias(log, vertical, robot.imu.gyro_noise_density)
+    bias = gyro_bias(log, imu_yaw_rates(log.imu, robot), robot.imu.gyro_noise_density)
     if bias is None:
         return
     stated, sigma = robot.imu.gyro_bias, robot.imu.gyro_bias_sigma
@@ -222,15 +237,16 @@ def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
 
 def check_noise(log: Log, robot: Robot) -> Iterator[Check]:
     """Noise density of the gyro at standstill, by differences of neighbouring samples."""
-    if log.imu is None or len(log.imu.stamps) < 2 or not imu_mounting.are_usable(log.tracks):
+    yaw_rates = comparable_yaw_rates(log, robot)
+    if yaw_rates is None or len(yaw_rates.stamps) < 2:
         return
-    is_still = imu_mounting.standstill(log.tracks, log.imu.stamps)
-    step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
+    stamps, rates = yaw_rates
+    is_still = imu_mounting.standstill(log.tracks, stamps)
+    step = float(np.median(np.diff(stamps))) * NANOSECOND
     still_pairs = int((is_still[1:] & is_still[:-1]).sum())
     if is_still.sum() * step < imu_mounting.ENOUGH_STILL or still_pairs < FEWEST_STILL:
         return
-    vertical, _ = in_base(log.imu, robot)
-    noise, stated = imu_mounting.density(vertical, is_still, step), robot.imu.gyro_noise_density
+    noise, stated = imu_mounting.density(rates, is_still, step), robot.imu.gyro_noise_density
     in_file, in_log = f"{stated:.2g} rad/s/√Hz", f"{noise:.2g} rad/s/√Hz at standstill"
     check = Check("gyro noise", in_file, in_log, measured=Measured(noise, "rad/s/√Hz", stated))
     if noise > OTHER_NOISE * stated:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, changed_robot
-from icreckon.replay.checking import fix_checks, imu_checks, track_checks, velocity_checks
+from icreckon.replay.checking import fix_checks, imu_checks, track_checks
 from icreckon.replay.checking.check import (
     FORWARD,
     LATENCY,
@@ -22,20 +22,13 @@ from icreckon.replay.checking.check import (
     corrected,
 )
 from icreckon.replay.mapping.naming import is_command
-from icreckon.replay.mapping.topics import TopicMap, topic_map, with_column_keys
-from icreckon.replay.reading.gather import left_out
+from icreckon.replay.mapping.topics import topic_map, with_column_keys
 
-# Streams that a robot file can leave out, and what they are.
-STREAMS = {
-    "imu": "an IMU",
-    "fixes": "position fixes",
-    "heading": "a heading",
-    "truth": "a ground truth",
-}
 SLIGHT = 1.2  # factor of the scale up to which the wheels can be the right ones [-]
 # In this order: each needs what those before it have corrected.
 CHECKS = (
-    imu_checks.check_presence,
+    imu_checks.check_samples,
+    imu_checks.check_readings,
     imu_checks.check_gravity,
     imu_checks.check_mounting,
     track_checks.check_sides,
@@ -49,7 +42,7 @@ CHECKS = (
     imu_checks.check_noise,
     fix_checks.check_antenna,
     fix_checks.check_heading,
-    velocity_checks.check_velocity,
+    fix_checks.check_velocity,
 )
 # These compare both sides with the gyro, which stands in for a side that is stuck or reads too little.
 OF_BOTH_SIDES = {
@@ -95,9 +88,14 @@ def far_centre(robot: Robot) -> list[str]:
     return [f"zeta0 = {zeta0:.2f} m is beyond {limit}: is [imu] position right?"]
 
 
+def _correctable(checks: Sequence[Check]) -> list[Check]:
+    """Contradictions that have a correction."""
+    return [check for check in checks if check.problem and check.correction is not None]
+
+
 def with_corrected(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log, Robot]:
     """Correct log and robot by all contradictions that have a correction."""
-    wrong = [check for check in checks if check.problem and check.correction is not None]
+    wrong = _correctable(checks)
     log, robot = corrected(log, robot, wrong)
     settings: dict[str, float | list[float]] = {}
     for check in wrong:
@@ -108,29 +106,11 @@ def with_corrected(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log
 def is_of_another(checks: Sequence[Check]) -> bool:
     """True if two of IMU mounting, scale and effective track contradict the file."""
     # The log is then rather of another robot than the file is wrong.
-    wrong = [check for check in checks if check.problem and check.correction is not None]
     names = set()
-    for check in wrong:
+    for check in _correctable(checks):
         value = check.measured.value if check.measured is not None else math.nan
         # Worn or sunk wheels explain a slight error of the scale.
         if check.name != SCALE or not 1.0 / SLIGHT < value < SLIGHT:
             names.add(check.name)
     groups = ({MOUNTING, FORWARD}, {SCALE}, {TRACK})
     return sum(bool(names & group) for group in groups) >= 2
-
-
-def topics_left_out(guessed: TopicMap, robot: Robot) -> list[str]:
-    """Report streams of a bag, by its guessed topics, that a robot file leaves out."""
-    mapping = topic_map(robot)
-    used = {
-        stream.topic
-        for stream in (mapping.tracks, mapping.imu, mapping.fixes, mapping.truth)
-        if stream
-    }
-    return [
-        left_out(description, found.topic, stream)
-        for stream, description in STREAMS.items()
-        if (found := getattr(guessed, stream)) is not None
-        and getattr(mapping, stream) is None
-        and found.topic not in used
-    ]

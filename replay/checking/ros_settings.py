@@ -9,7 +9,6 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +22,8 @@ from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.checking import check
 from icreckon.replay.checking.track_checks import is_other_track
-from icreckon.replay.estimates.imu_mounting import are_usable
 from icreckon.replay.estimates.latency import truth_lag, without_lag
+from icreckon.replay.estimates.wheels import Estimate
 from icreckon.replay.inspection.filled_in import has_stand_in_gauge
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
@@ -34,16 +33,8 @@ UNMEASURED = 1e3  # variance of motion that the wheels do not measure [m²/s², 
 WINDOW = 1.0  # windows in which odometry is compared with a truth [s]
 # Error of v_x and w without anything to compare with, as a share of their usual size [-].
 SHARE_FORWARD, SHARE_TURNING = 0.03, 0.2
+BY_DEFAULT = "by default, with nothing to compare with"
 ANY_MASS = 1.0  # mass that a robot file must have, and these settings do not use [kg]
-
-
-class TwistErrors(NamedTuple):
-    """Root mean square errors of wheel odometry while it drives."""
-
-    forward: float  # of v_x [m/s]
-    forward_reference: str  # reference of v_x, empty for none
-    turning: float  # of w [rad/s]
-    turning_reference: str  # reference of w, empty for none
 
 
 def ros_settings(
@@ -103,43 +94,45 @@ def proposed_ros_settings(
     return ros_settings([log], robot, proposed=has_no_gauge or has_stand_in_gauge(proposed))
 
 
-def twist_errors(logs: Sequence[Log], robot: Robot) -> TwistErrors:
-    """Estimate errors of wheel odometry with the effective track of a robot."""
-    # Without a gyro or a truth the errors are shares of the usual speeds.
+def twist_errors(logs: Sequence[Log], robot: Robot) -> tuple[Estimate, Estimate]:
+    """Root mean square errors of v_x [m/s] and w [rad/s] of odometry while it drives.
+
+    Without a truth (v_x) or a gyro (w) they are shares of the usual speeds, as their sources report.
+    """
     speeds = np.concatenate([log.tracks.speeds for log in logs] + [np.zeros((1, 2))])
     rates = (speeds[:, 1] - speeds[:, 0]) / check.effective_track(robot)
-    forward = SHARE_FORWARD * float(np.sqrt(np.mean(speeds**2, axis=0)).mean())
-    turning = SHARE_TURNING * float(np.sqrt(np.mean(rates**2)))
-    forward_reference = turning_reference = ""
-    turning_errors = np.concatenate([_turning_errors(log, robot) for log in logs])
-    if len(turning_errors):
-        turning, turning_reference = float(np.sqrt(np.mean(turning_errors**2))), "against the gyro"
+    usual_speed, usual_rate = np.sqrt(np.mean(speeds**2, axis=0)).mean(), np.sqrt(np.mean(rates**2))
+    forward = Estimate(SHARE_FORWARD * float(usual_speed), None, BY_DEFAULT)
+    turning = Estimate(SHARE_TURNING * float(usual_rate), None, BY_DEFAULT)
     forward_errors = np.concatenate([_forward_errors(log, robot) for log in logs])
     if len(forward_errors):
-        forward, forward_reference = float(np.sqrt(np.mean(forward_errors**2))), "against the truth"
-    return TwistErrors(forward, forward_reference, turning, turning_reference)
+        forward = Estimate(float(np.sqrt(np.mean(forward_errors**2))), None, "against the truth")
+    turning_errors = np.concatenate([_turning_errors(log, robot) for log in logs])
+    if len(turning_errors):
+        turning = Estimate(float(np.sqrt(np.mean(turning_errors**2))), None, "against the gyro")
+    return forward, turning
 
 
 def _turning_errors(log: Log, robot: Robot) -> Floats:
     """Errors (n,) of the yaw rate while tracks move, by the gyro [rad/s]."""
-    if log.imu is None or not are_usable(log.tracks):
+    yaw_rates = check.comparable_yaw_rates(log, robot)
+    if yaw_rates is None:
         return np.zeros(0)
-    stamps, known, speeds = log.imu.stamps, log.tracks.stamps, log.tracks.speeds
-    left, right = (np.interp(stamps, known, side) for side in speeds.T)
-    is_moving = np.interp(stamps, known, np.abs(speeds).max(axis=1)) > 0.0
-    vertical, _ = check.in_base(log.imu, robot)
-    errors = ((right - left) / check.effective_track(robot) - vertical)[is_moving]
+    stamps, rates = yaw_rates
+    tracks = log.tracks
+    left, right = (np.interp(stamps, tracks.stamps, side) for side in tracks.speeds.T)
+    is_moving = np.interp(stamps, tracks.stamps, np.abs(tracks.speeds).max(axis=1)) > 0.0
+    errors = ((right - left) / check.effective_track(robot) - rates)[is_moving]
     # The mean is mostly the gyro's bias.
     return np.asarray(errors - errors.mean() if len(errors) else errors)
 
 
 def _forward_errors(log: Log, robot: Robot) -> Floats:
     """Errors (n,) of mean forward speeds in windows, by a truth [m/s]."""
-    truth = log.truth
-    if truth is None or not truth.headings or log.imu is None or not are_usable(log.tracks):
+    truth, yaw_rates = log.truth, check.comparable_yaw_rates(log, robot)
+    if truth is None or not truth.headings or log.imu is None or yaw_rates is None:
         return np.zeros(0)
-    vertical, _ = check.in_base(log.imu, robot)
-    lag = truth_lag(truth, log.tracks, log.imu, vertical)
+    lag = truth_lag(truth, log.tracks, log.imu, yaw_rates)
     if isinstance(lag, Lag) and truth.twists is None:
         truth = replace(truth, poses=without_lag(truth.poses, lag))
     motion = check.true_motion(log, truth, WINDOW)
@@ -162,12 +155,11 @@ def _forward_errors(log: Log, robot: Robot) -> Floats:
 
 def _controller_lines(logs: Sequence[Log], robot: Robot, source: str, proposed: bool) -> list[str]:
     """Lines of the controller's parameters, and the latency of its speeds."""
-    errors, radius_difference = twist_errors(logs, robot), robot.tracks.difference
+    (forward, turning), radius_difference = twist_errors(logs, robot), robot.tracks.difference
     tracks = topic_map(robot).track_keys
     scale = 1.0 if tracks is None or check.has_track_rates(robot) else tracks.scale
     # Variances of v_x, v_y, v_z and the rates about x, y, z.
-    variances = [errors.forward**2, *[UNMEASURED] * 4, errors.turning**2]
-    by_default = "by default, with nothing to compare with"
+    variances = [forward.value**2, *[UNMEASURED] * 4, turning.value**2]
     lines = [
         "# ros2_controllers, diff_drive_controller: merge into its parameters.",
         "diff_drive_controller:",
@@ -176,8 +168,8 @@ def _controller_lines(logs: Sequence[Log], robot: Robot, source: str, proposed: 
         *_radius_lines(logs, robot),
         f"    left_wheel_radius_multiplier: {scale * (1.0 - 0.5 * radius_difference):.4f}",
         f"    right_wheel_radius_multiplier: {scale * (1.0 + 0.5 * radius_difference):.4f}",
-        f"    # v_x: {errors.forward:.2g} m/s {errors.forward_reference or by_default}; "
-        f"w: {errors.turning:.2g} rad/s {errors.turning_reference or by_default}",
+        f"    # v_x: {forward.value:.2g} m/s {forward.source}; "
+        f"w: {turning.value:.2g} rad/s {turning.source}",
         f"    twist_covariance_diagonal: {_numbers(variances)}",
         "# robot_localization: fuse v_x and v_yaw of this odometry (not its pose) and v_yaw of the IMU.",
     ]
@@ -211,17 +203,17 @@ def _imu_lines(samples: ImuSeries, robot: Robot) -> list[str]:
 
 
 def _separation(logs: Sequence[Log], robot: Robot, source: str) -> list[str]:
-    """Lines of the wheel separation and its multiplier."""
-    # Where the logs contradict the robot, the multiplier is measured from them.
+    """Lines of the wheel separation and its multiplier.
+
+    The multiplier of the robot, whose origin is `source`, or the measured one if it contradicts that.
+    """
     gauge, multiplier = robot.vehicle.track_gauge, robot.constant_indices.eta0
-    measured = _measured_multipliers(logs, robot)
     comment = f"{source}; {_unknown(logs)}"
-    if measured:
-        evidence = _evidence(logs, measured)
+    if measured := _measured_multipliers(logs, robot):
+        comment = f"{source}; {_evidence(logs, measured)}"
         mean = float(np.mean([estimate.value for estimate in measured]))
-        comment = f"{source}; {evidence}"
         if is_other_track(mean / multiplier):
-            comment = f"{evidence}, which contradicts {multiplier:.4g} {source}"
+            comment = f"{_evidence(logs, measured)}, which contradicts {multiplier:.4g} {source}"
             multiplier = mean
     if (tracks := topic_map(robot).track_keys) and not (tracks.left or tracks.gauge):
         comment += "; times that of the controller which made this odometry"
@@ -237,16 +229,15 @@ def _proposed_separation(logs: Sequence[Log], robot: Robot) -> list[str]:
     measured = _measured_multipliers(logs, robot)
     if not measured:
         return [f"    # wheel_separation and its multiplier: {_unknown(logs)}."]
-    first = measured[0]
+    multiplier = measured[0]
     if topic_map(robot).from_twist:
-        which = "this log" if len(logs) == 1 else "these logs"
         return [
             "    # wheel_separation_multiplier: that of the controller which made this odometry, times "
-            f"{first.value:.4g}{first.error}, by the gyro of {which}"
+            f"{multiplier.value:.4g}{multiplier.error}, by the gyro of {_which(logs)}"
         ]
     # The product does not depend on the stand-in for the gauge.
-    track = first.times(robot.vehicle.track_gauge)
-    remark = f"m, effective{track.error}, by the gyro of this log"
+    track = multiplier.times(robot.vehicle.track_gauge)
+    remark = f"m, effective{track.error}, by the gyro of {_which(logs)}"
     return [
         f"    wheel_separation: {_number(track.value)}  # {remark}",
         "    wheel_separation_multiplier: 1.0",
@@ -254,7 +245,7 @@ def _proposed_separation(logs: Sequence[Log], robot: Robot) -> list[str]:
     ]
 
 
-def _measured_multipliers(logs: Sequence[Log], robot: Robot) -> list[check.Estimate]:
+def _measured_multipliers(logs: Sequence[Log], robot: Robot) -> list[Estimate]:
     """Effective track over the robot's gauge, of each log that shows it."""
     tracks = [check.measured_track(log, robot) for log in logs]
     return [track.times(1.0 / robot.vehicle.track_gauge) for track in tracks if track is not None]
@@ -271,16 +262,19 @@ def _radius_lines(logs: Sequence[Log], robot: Robot) -> list[str]:
     return [f"    wheel_radius: {_number(radius)}  # m, effective: {comment}"]
 
 
-def _evidence(logs: Sequence[Log], estimates: Sequence[check.Estimate]) -> str:
+def _which(logs: Sequence[Log]) -> str:
+    return "this log" if len(logs) == 1 else "these logs"
+
+
+def _evidence(logs: Sequence[Log], estimates: Sequence[Estimate]) -> str:
     """Text of estimates from one source, such as "by the gyro of this log 0.62"."""
     values = ", ".join(f"{estimate.value:.4g}{estimate.error}" for estimate in estimates)
-    which = "this log" if len(logs) == 1 else "these logs"
-    return f"by the {estimates[0].source} of {which} {values}"
+    return f"by the {estimates[0].source} of {_which(logs)} {values}"
 
 
 def _unknown(logs: Sequence[Log]) -> str:
     """Comment on a quantity that no log shows."""
-    return "this log does not show it" if len(logs) == 1 else "these logs do not show it"
+    return f"{_which(logs)} {'does' if len(logs) == 1 else 'do'} not show it"
 
 
 def _numbers(values: list[float]) -> str:

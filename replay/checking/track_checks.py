@@ -3,19 +3,17 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from msgspec import structs
-from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Indexes, Stamps
 from icreckon.estimator.base.lag_search import BLOCKS
 from icreckon.estimator.log.failed_sensors import (
     RIGHT,
+    StuckSide,
     UnequalSides,
     stuck_sides,
-    turning_at,
     unequal_sides,
 )
 from icreckon.estimator.log.lag import Lag
@@ -28,12 +26,13 @@ from icreckon.replay.checking.check import (
     SIGMAS,
     TRACK,
     Check,
-    Estimate,
+    Correction,
     Measured,
-    Settings,
+    comparable_yaw_rates,
     effective_track,
+    force_in_base,
     has_track_rates,
-    in_base,
+    imu_yaw_rates,
     mapped_table,
     measured_scale,
     measured_track,
@@ -41,8 +40,9 @@ from icreckon.replay.checking.check import (
     with_speeds,
 )
 from icreckon.replay.estimates import imu_mounting
+from icreckon.replay.estimates.imu_mounting import YawRates
 from icreckon.replay.estimates.latency import clock_fit, objection, track_latency, without_lag
-from icreckon.replay.estimates.wheels import DEGREES, jackknifed, turning_suspicion
+from icreckon.replay.estimates.wheels import DEGREES, Estimate, jackknifed, turning_suspicion
 from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.topics import topic_map
 
@@ -55,6 +55,7 @@ OTHER_TRACK = 1.4
 LEAST_LATENCY = 0.07
 SCALE_BY_FORCE = 0.35  # least reported scale error by accelerometer [-]: suspensions squat
 AGREEING = 1.2  # largest factor between the bounds of a scale by accelerometer that agree
+RECORDING = 'time = "recording"'  # setting for topics whose header stamps are of another clock
 SIDES, RATIO = "sides", "ratio of the sides"
 FAILED = {SIDES, RATIO}  # checks of a side that fails
 # Usual errors of a scale, as true over assumed.
@@ -77,6 +78,8 @@ STATED_ERRORS = (
     (180.0 / math.pi, "are the rates in rad/s, not deg/s?"),
     (30.0 / math.pi, "are the rates in rad/s, not rpm?"),
 )
+ABOUT_UNITS = {question for _, question in (*UNIT_ERRORS, *STATED_ERRORS)}
+ABOUT_TRUTH = {question for _, question in TRUTH_ERRORS}
 COUNT_QUESTION = "is counts_per_turn off by that (lines or edges, gears), or the radius a diameter?"
 COUNT_ERRORS = tuple((size, COUNT_QUESTION) for size in (0.25, 0.5, 2.0, 4.0))
 SIGN_WINDOW = 0.5  # windows in which signs are compared with those of a truth [s]
@@ -89,45 +92,48 @@ FEWEST, CLEARLY_TURNS = 20, 0.05
 
 def check_sides(log: Log, robot: Robot) -> Iterator[Check]:
     """Sides that repeat one reading while the other one drives."""
-    turning = _turning_by_gyro(log, robot)
-    if turning is not None and (stuck := stuck_sides(log.tracks, turning)):
+    stuck, _ = _stuck_sides(log, robot)
+    if stuck:
         text = "; ".join(side.text for side in stuck)
         remedy = "look at its sensor and cable; corrected here by the other side and the gyro"
         yield Check(SIDES, "both change", text, text, remedy, _without_stuck_sides)
 
 
-def _turning_by_gyro(log: Log, robot: Robot) -> Floats | None:
-    """Right less left speed (n,) by the gyro, at the tracks' stamps [m/s], or None."""
+def _stuck_sides(log: Log, robot: Robot) -> tuple[list[StuckSide], Floats]:
+    """Stuck sides, and V_r - V_l (n,) by the gyro [m/s]; no sides without a gyro."""
     if log.imu is None:
-        return None
-    vertical, _ = in_base(log.imu, robot)
-    return turning_at(log.tracks, log.imu, vertical, effective_track(robot))
+        return [], np.zeros(len(log.tracks.stamps))
+    rates = np.interp(log.tracks.stamps, *imu_yaw_rates(log.imu, robot))
+    turning = rates * effective_track(robot)
+    return stuck_sides(log.tracks, turning), turning
 
 
 def _without_stuck_sides(log: Log, robot: Robot) -> tuple[Log, Robot]:
     """Give stuck sides the speed of the other side and the gyro's turning."""
-    turning, speeds = _turning_by_gyro(log, robot), log.tracks.speeds.copy()
-    if turning is not None:
-        for stuck in stuck_sides(log.tracks, turning):
-            sign = 1.0 if stuck.side == RIGHT else -1.0
-            for rows in stuck.spans:
-                speeds[rows, stuck.side] = speeds[rows, 1 - stuck.side] + sign * turning[rows]
-    return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, speeds)), robot
+    (stuck, turning), speeds = _stuck_sides(log, robot), log.tracks.speeds.copy()
+    for side in stuck:
+        sign = 1.0 if side.side == RIGHT else -1.0
+        for rows in side.spans:
+            speeds[rows, side.side] = speeds[rows, 1 - side.side] + sign * turning[rows]
+    return with_speeds(lambda _: speeds)(log, robot)
 
 
 def check_ratio(log: Log, robot: Robot) -> Iterator[Check]:
     """Ratio of the sides where the robot drives straight on by the gyro."""
     unequal = _unequal_sides(log, robot)
     if unequal is not None:
-        in_log = f"{unequal.ratio:.2f}, {('left over right', 'right over left')[unequal.side]}"
+        sides = "right over left" if unequal.side == RIGHT else "left over right"
+        in_log = f"{unequal.ratio:.2f}, {sides}"
         remedy = "look at counts, gears, radius and wheels of both sides: one of them is wrong"
         yield Check(RATIO, "1 straight on", in_log, unequal.text, remedy, _with_equal_sides)
 
 
 def _unequal_sides(log: Log, robot: Robot) -> UnequalSides | None:
-    if log.imu is None or not imu_mounting.are_usable(log.tracks):
+    """Side that reads less than the other one; None if neither, or without a gyro."""
+    yaw_rates = comparable_yaw_rates(log, robot)
+    if log.imu is None or yaw_rates is None:
         return None
-    return unequal_sides(log.tracks, log.imu, in_base(log.imu, robot)[0])
+    return unequal_sides(log.tracks, log.imu, yaw_rates.rates)
 
 
 def _with_equal_sides(log: Log, robot: Robot) -> tuple[Log, Robot]:
@@ -135,38 +141,40 @@ def _with_equal_sides(log: Log, robot: Robot) -> tuple[Log, Robot]:
     unequal, speeds = _unequal_sides(log, robot), log.tracks.speeds.copy()
     if unequal is not None:
         speeds[unequal.begin :, unequal.side] /= unequal.ratio
-    return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, speeds)), robot
+    return with_speeds(lambda _: speeds)(log, robot)
 
 
 def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     """Unit of the gyro, and its sense of rotation against that of the tracks."""
-    if log.imu is None or not imu_mounting.are_usable(log.tracks):
+    yaw_rates = comparable_yaw_rates(log, robot)
+    if log.imu is None or yaw_rates is None:
         return
-    vertical, _ = in_base(log.imu, robot)
-    track_rate = float(np.ptp(log.tracks.speeds, axis=1).mean()) / effective_track(robot)
-    if len(vertical) > FEWEST and np.ptp(vertical) == 0.0 and track_rate > CLEARLY_TURNS:
-        in_log = f"reads {vertical[0]:.4g} rad/s all the time"
+    rates, difference = yaw_rates.rates, log.tracks.difference
+    track_rate = float(np.abs(difference).mean()) / effective_track(robot)
+    if len(rates) > FEWEST and np.ptp(rates) == 0.0 and track_rate > CLEARLY_TURNS:
+        in_log = f"reads {rates[0]:.4g} rad/s all the time"
         problem = "the gyro reads one value all the time, and the tracks turn"
         remedy = "look at its driver and cable; gyro_axes in [imu] if only one axis is logged"
         yield Check("gyro", "shows turns", in_log, problem, remedy)
         return
-    correlation = imu_mounting.turning_correlation(log.tracks, log.imu, vertical)
+    correlation = imu_mounting.turning_correlation(log.tracks, yaw_rates)
     in_log = "nothing turns" if correlation is None else f"correlation {correlation:.2f}"
     check = Check("sense of turning", "left is positive", in_log)
     if correlation is None or abs(correlation) < imu_mounting.CLEAR_TURNING:
-        in_log += "" if correlation is None else ": unclear"
-        yield _unclear_turning(log, log.imu, robot, replace(check, in_log=in_log), vertical)
+        if correlation is not None:
+            check = replace(check, in_log=f"{in_log}: unclear")
+        yield _unclear_turning(log, yaw_rates, robot, check)
         return
-    spread = float(log.tracks.difference.std()) / effective_track(robot)
-    ratio = float(vertical.std()) / spread if spread else 0.0
+    spread = float(difference.std()) / effective_track(robot)
+    ratio = float(rates.std()) / spread if spread else 0.0
     lowest, highest = DEGREES
-    is_apart = lowest < ratio < highest
     # Where the gyro agrees with a truth, `check_scale` names the unit of the tracks.
-    if is_apart and abs(_over_true(log, log.imu.stamps, vertical, 2) or math.inf) > lowest:
+    over_truth = _over_truth(log, *yaw_rates, axis=2)
+    if lowest < ratio < highest and (over_truth is None or abs(over_truth) > lowest):
         in_log = f"{ratio:.0f} times the tracks' turning"
         problem = f"the gyro reads {ratio:.0f} times what the tracks turn: it is in deg/s"
         remedy, measured = 'rate_unit = "deg/s" in [log.imu]', Measured(ratio, "-", 1.0)
-        in_radians = partial(_with_rates, factor=math.pi / 180.0)
+        in_radians = _with_rates_times(math.pi / 180.0)
         yield Check("unit of the gyro", "rad/s", in_log, problem, remedy, in_radians, measured)
     check = replace(check, measured=Measured(correlation, "-", 1.0))
     yield _clear_turning(log, log.imu, robot, check, turns_alike=correlation > 0.0)
@@ -175,101 +183,111 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
 def _clear_turning(
     log: Log, imu: ImuSeries, robot: Robot, check: Check, *, turns_alike: bool
 ) -> Check:
-    """Check of tracks that turn as the gyro, or opposite: swapped, or reversed?"""
-    vertical, force = in_base(imu, robot)
-    # None without a truth
-    is_backward = _is_opposite(log, log.tracks.stamps, log.tracks.speeds.mean(axis=1), 0)
+    """Check the signs of tracks that clearly turn as the gyro, or opposite to it."""
+    forward_ratio = _over_truth(log, log.tracks.stamps, log.tracks.speeds.mean(axis=1), axis=0)
+    is_backward = forward_ratio is not None and forward_ratio < 0.0
+    if turns_alike and not is_backward:
+        return check
     # Where tracks and gyro agree, it is the truth that turns the other way.
-    if not turns_alike and _is_opposite(log, imu.stamps, vertical, 2):
+    turning_ratio = _over_truth(log, *imu_yaw_rates(imu, robot), axis=2)
+    if not turns_alike and turning_ratio is not None and turning_ratio < 0.0:
         text = "the gyro's signs are wrong: it turns the other way than the truth"
         table = mapped_table(robot, "imu")
         remedy = f"a negative rate_unit in [{table}], -1.0 for rad/s (or its z axis points down)"
-        return check.contradicted(text, remedy, partial(_with_rates, factor=-1.0))
-    by_imu = False
-    if is_backward is None and force is not None:
-        horizontal = np.nan_to_num(force[:, :2])
-        yaw = imu_mounting.forward_yaw(log.tracks, imu.stamps, horizontal, vertical)
-        by_imu = yaw is not None and abs(yaw) == 180.0
-    if turns_alike and not is_backward:
-        return check
+        return check.contradicted(text, remedy, _with_rates_times(-1.0))
     if topic_map(robot).from_twist:
-        are_wrong = {"forward speed": is_backward, "yaw rate": not turns_alike}
-        wrong = [name for name, is_wrong in are_wrong.items() if is_wrong]
-        order = slice(None, None, -1 if turns_alike == bool(is_backward) else 1)
-        sign = -1.0 if is_backward else 1.0
-        text = f"the odometry has the wrong sign of {' and '.join(wrong)}"
-        remedy = "its driver, or record the speeds of both sides"
-        return check.contradicted(text, remedy, with_speeds(lambda v: sign * v[:, order]))
+        return _wrong_twist(check, is_backward=is_backward, turns_alike=turns_alike)
     minus = 'with a minus before each name, as "-motor"'
     table = mapped_table(robot, "tracks")
     exchange = f"exchange left and right in [{table}]"
     if "right_topic" in robot.log.get("tracks", {}):
         exchange = "exchange topic and right_topic in [log.tracks]"
     if turns_alike:
-        text = "the tracks drive backward where the truth drives forward, and turn as the gyro does"
-        remedy = f"{exchange}, {minus}"
-        correction = with_speeds(lambda speeds: -speeds[:, ::-1])
-    elif is_backward or by_imu:
+        return check.contradicted(
+            "the tracks drive backward where the truth drives forward, and turn as the gyro does",
+            f"{exchange}, {minus}",
+            with_speeds(lambda speeds: -speeds[:, ::-1]),
+        )
+    # Without a truth the accelerations show the forward direction, if the IMU's mounting is right.
+    is_clear = forward_ratio is not None
+    is_backward_by_imu = not is_clear and _accelerates_backward(log, imu, robot)
+    if is_backward or is_backward_by_imu:
         text = "both tracks count backward: they turn the other way than the gyro"
         remedy = f"left and right in [{table}] {minus}"
-        correction = with_speeds(lambda speeds: -speeds)
-        if by_imu:
+        if is_backward_by_imu:
             text += " and accelerate the other way than the IMU"
             remedy += " (or left and right are swapped, and the IMU is turned by 180 deg)"
-    else:
-        text, remedy = "left and right are swapped", exchange
-        if is_backward is None:
-            text += ", or the gyro's signs are wrong"
-            remedy += " (or the gyro's z axis points down, or needs a negative rate_unit)"
-        text += ": the tracks turn the other way than the gyro"
-        correction = with_speeds(lambda speeds: speeds[:, ::-1].copy())
-    return check.contradicted(text, remedy, correction)
+        return check.contradicted(text, remedy, with_speeds(lambda speeds: -speeds))
+    text, remedy = "left and right are swapped", exchange
+    if not is_clear:
+        text += ", or the gyro's signs are wrong"
+        remedy += " (or the gyro's z axis points down, or needs a negative rate_unit)"
+    text += ": the tracks turn the other way than the gyro"
+    return check.contradicted(text, remedy, with_speeds(lambda speeds: speeds[:, ::-1].copy()))
 
 
-def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate: Floats) -> Check:
-    """Check of tracks without a clear correlation: clock, gauge, or a side?"""
-    tracks, table = topic_map(robot).track_keys, mapped_table(robot, "tracks")
-    fit = clock_fit(log.tracks, imu, rate)
-    if fit is not None and fit.is_apart:
-        moved = fit.undone(log.tracks)
-        remedy, settings = f'time = "recording" in [{table}]', Settings()
-        if isinstance(tracks, TrackColumns):
-            keys = fit.keys(tracks)
-            settings = {f"{table}.{key}": value for key, value in keys.items()}
-            remedy = f"{', '.join(f'{key} = {value}' for key, value in keys.items())} in [{table}]"
-        return check.contradicted(
-            f"the tracks' clock is {fit.offset:+.2f} s off the IMU's",
-            remedy,
-            lambda log, robot: (replace(log, tracks=moved), robot),
-            settings,
-        )
-    if tracks is not None and not tracks.left:
-        suspicion = turning_suspicion(log, rate, tracks.gauge or robot.vehicle.track_gauge)
-        remedy = f"gauge in [{table}], which is that of its controller, or its yaw rate"
-        return check.contradicted(suspicion[0], remedy) if suspicion else check
-    side = imu_mounting.backward_side(log.tracks, imu, rate)
-    if side is None:
-        if not imu_mounting.turn_apart(log.tracks, imu, rate):
-            return check
-        remedy = (
-            f"look at the topics of {table} and of the IMU: another robot's, or another time's?"
-        )
-        return check.contradicted("the gyro and the tracks turn, but not together", remedy)
-    signs = np.array([1.0, -1.0] if side == "right" else [-1.0, 1.0])
+def _accelerates_backward(log: Log, imu: ImuSeries, robot: Robot) -> bool:
+    """True if the IMU clearly accelerates backward where the tracks speed up."""
+    force = force_in_base(imu, robot)
+    if force is None:
+        return False
+    horizontal = np.nan_to_num(force[:, :2])
+    yaw = imu_mounting.forward_yaw(log.tracks, imu_yaw_rates(imu, robot), horizontal)
+    return yaw is not None and abs(yaw) == 180.0
+
+
+def _wrong_twist(check: Check, *, is_backward: bool, turns_alike: bool) -> Check:
+    """Contradiction of an odometry whose speed or yaw rate has the wrong sign."""
+    wrong = []
+    if is_backward:
+        wrong.append("forward speed")
+    if not turns_alike:
+        wrong.append("yaw rate")
+    # Tracks of a mirrored twist: both negative (speed), exchanged (yaw rate), or both.
+    sign = -1.0 if is_backward else 1.0
+    order = -1 if turns_alike == is_backward else 1
     return check.contradicted(
-        f"the {side} side counts backward: the robot turns as the sum of both sides",
-        f'a minus before the names of {side} in [{table}], as "-motor"',
-        with_speeds(lambda speeds: speeds * signs),
+        f"the odometry has the wrong sign of {' and '.join(wrong)}",
+        "its driver, or record the speeds of both sides",
+        with_speeds(lambda speeds: sign * speeds[:, ::order]),
     )
 
 
-def _is_opposite(log: Log, stamps: Stamps, values: Floats, axis: int) -> bool | None:
-    """True if speeds (axis 0) or yaw rates (2) have the wrong signs, None if unknown."""
-    ratio = _over_true(log, stamps, values, axis)
-    return None if ratio is None else ratio < 0.0
+def _unclear_turning(log: Log, yaw_rates: YawRates, robot: Robot, check: Check) -> Check:
+    """Check tracks that do not clearly turn with the gyro: clock, gauge, or a side?"""
+    tracks, table = topic_map(robot).track_keys, mapped_table(robot, "tracks")
+    clock = clock_fit(log.tracks, yaw_rates)
+    if clock is not None and clock.is_apart:
+        moved = clock.undone(log.tracks)
+        keys = clock.keys(tracks) if isinstance(tracks, TrackColumns) else {}
+        settings = ", ".join(f"{key} = {value}" for key, value in keys.items())
+        return check.contradicted(
+            f"the tracks' clock is {clock.offset:+.2f} s off the IMU's",
+            f"{settings or RECORDING} in [{table}]",
+            lambda log, robot: (replace(log, tracks=moved), robot),
+            {f"{table}.{key}": value for key, value in keys.items()},
+        )
+    if tracks is not None and not tracks.left:
+        gauge = tracks.gauge or robot.vehicle.track_gauge
+        suspicion = turning_suspicion(log.tracks, yaw_rates, gauge)
+        remedy = f"gauge in [{table}], which is that of its controller, or its yaw rate"
+        return check.contradicted(suspicion, remedy) if suspicion else check
+    side = imu_mounting.backward_side(log.tracks, yaw_rates)
+    if side is not None:
+        signs = np.array([1.0, -1.0] if side == "right" else [-1.0, 1.0])
+        return check.contradicted(
+            f"the {side} side counts backward: the robot turns as the sum of both sides",
+            f'a minus before the names of {side} in [{table}], as "-motor"',
+            with_speeds(lambda speeds: speeds * signs),
+        )
+    if imu_mounting.turn_apart(log.tracks, yaw_rates):
+        problem = "the gyro and the tracks turn, but not together"
+        other = "another robot's, or another time's?"
+        return check.contradicted(problem, f"look at the topics of {table} and of the IMU: {other}")
+    return check
 
 
-def _over_true(log: Log, stamps: Stamps, values: Floats, axis: int) -> float | None:
+def _over_truth(log: Log, stamps: Stamps, values: Floats, axis: int) -> float | None:
     """Ratio of speeds (axis 0) or yaw rates (2) to a truth's [-], None if unclear."""
     truth = log.truth
     if truth is None or not truth.headings:
@@ -278,28 +296,33 @@ def _over_true(log: Log, stamps: Stamps, values: Floats, axis: int) -> float | N
     if motion is None:
         return None
     edges, moved = motion
-    true, middles = moved[:, axis] / SIGN_WINDOW, 0.5 * (edges[1:] + edges[:-1])
-    found = np.interp(middles, stamps, values)
-    product, square = float(true @ found), float(true @ true)
-    size = math.sqrt(square) * float(np.linalg.norm(found))
-    # From -1 to 1, as of a correlation about zero.
+    true_values, middles = moved[:, axis] / SIGN_WINDOW, 0.5 * (edges[1:] + edges[:-1])
+    measured = np.interp(middles, stamps, values)
+    product, square = float(true_values @ measured), float(true_values @ true_values)
+    size = math.sqrt(square) * float(np.linalg.norm(measured))
+    # Over the size it is from -1 to 1, as a correlation about zero.
     is_clear = size > 0.0 and abs(product) / size > imu_mounting.CLEAR_TURNING
     return product / square if is_clear else None
 
 
-def _with_rates(log: Log, robot: Robot, *, factor: float) -> tuple[Log, Robot]:
-    """Correct a gyro whose readings have the wrong unit or signs."""
-    assert log.imu is not None  # noqa: S101 - checked by the caller
-    rates = factor * log.imu.angular_velocity
-    return replace(log, imu=replace(log.imu, angular_velocity=rates)), robot
+def _with_rates_times(factor: float) -> Correction:
+    """Correction of a gyro whose readings have the wrong unit or signs."""
+
+    def correction(log: Log, robot: Robot) -> tuple[Log, Robot]:
+        if log.imu is None:
+            return log, robot
+        rates = factor * log.imu.angular_velocity
+        return replace(log, imu=replace(log.imu, angular_velocity=rates)), robot
+
+    return correction
 
 
 def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
     """Latency of the track speeds against the gyro, beyond that of the file."""
-    if log.imu is None or not imu_mounting.are_usable(log.tracks):
+    yaw_rates = comparable_yaw_rates(log, robot)
+    if yaw_rates is None:
         return
-    vertical, _ = in_base(log.imu, robot)
-    lag = track_latency(log.tracks, log.imu, vertical)
+    lag = track_latency(log.tracks, yaw_rates)
     if not isinstance(lag, Lag):
         yield Check(LATENCY, "", f"not seen: {lag.reason}")
         return
@@ -338,11 +361,7 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     in_log = f"{ratio:.3f}{error}, {source} over tracks"
     if sigma is None:
         in_log += " (too few straight stretches to tell its error)"
-    # Rates are corrected by the radius, speeds by their scale.
-    table, name, stated = "vehicle", "sprocket_radius", robot.vehicle.sprocket_radius
-    tracks = topic_map(robot).track_keys
-    if tracks is not None and not has_track_rates(robot):
-        table, name, stated = mapped_table(robot, "tracks"), "scale", tracks.scale
+    table, key, stated = _scale_setting(robot)
     value = float(f"{ratio * stated:.4g}")
     check = Check(SCALE, "1", in_log, measured=Measured(ratio, "-", 1.0, sigma))
     smallest, largest = PLAUSIBLE
@@ -355,22 +374,31 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
         return
     if abs(ratio - 1.0) <= max(least, SIGMAS * (sigma or 0.0)) and 0.5 < ratio < 2.0:
         if abs(ratio - 1.0) > LEAST_SCALE:
-            in_log += f"; counts from {least:.0%} on, {name} = {value:.3g} would fit"
+            in_log += f"; counts from {least:.0%} on, {key} = {value:.3g} would fit"
         yield replace(check, in_log=in_log)
         return
-    guess = _guess(ratio, robot)
-    text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{guess}"
-    if source == "truth" and guess.removeprefix(": ") in dict(TRUTH_ERRORS).values():
-        yield check.contradicted(text, "convert the positions of the truth to metres")
-        return
+    question = _usual_error(ratio, robot)
+    text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks"
     if source == "accelerometer":
         text = f"accelerations are {ratio:.3g}{error} times the changes of the track speeds"
-        text += f" (suspensions explain 1.2){guess}"
-    remedy = f"{name} = {value:g} in [{table}]"
-    if guess.removeprefix(": ") in dict((*UNIT_ERRORS, *STATED_ERRORS)).values():
+        text += " (suspensions explain 1.2)"
+    text += f": {question}" if question else ""
+    if source == "truth" and question in ABOUT_TRUTH:
+        yield check.contradicted(text, "convert the positions of the truth to metres")
+        return
+    remedy = f"{key} = {value:g} in [{table}]"
+    if question in ABOUT_UNITS:
         remedy = f"the unit in [{mapped_table(robot, 'tracks')}], or else {remedy}"
     corrected = with_speeds(lambda speeds: ratio * speeds)
-    yield check.contradicted(text, remedy, corrected, {f"{table}.{name}": value})
+    yield check.contradicted(text, remedy, corrected, {f"{table}.{key}": value})
+
+
+def _scale_setting(robot: Robot) -> tuple[str, str, float]:
+    """Table, key and value by which track speeds are scaled: a radius for rates."""
+    tracks = topic_map(robot).track_keys
+    if tracks is None or has_track_rates(robot):
+        return "vehicle", "sprocket_radius", robot.vehicle.sprocket_radius
+    return mapped_table(robot, "tracks"), "scale", tracks.scale
 
 
 def _measured_scale(log: Log, imu: ImuSeries, robot: Robot) -> tuple[Estimate | None, float]:
@@ -384,7 +412,7 @@ def _measured_scale(log: Log, imu: ImuSeries, robot: Robot) -> tuple[Estimate | 
     return scale, max(least, SIGMAS * robot.tracks.scale_sigma)
 
 
-def _guess(ratio: float, robot: Robot) -> str:
+def _usual_error(ratio: float, robot: Robot) -> str:
     """Question whether a usual error explains a scale, true over assumed; else empty."""
     radius, tracks = robot.vehicle.sprocket_radius, topic_map(robot).track_keys
     by_radius = [(radius, "are they rates in rad/s, read as m/s?")]
@@ -394,13 +422,13 @@ def _guess(ratio: float, robot: Robot) -> str:
     if tracks is not None and tracks.unit == "counts":
         usual_errors = [*COUNT_ERRORS, *UNIT_ERRORS, *by_radius]
     distance, question = min((abs(math.log(ratio / size)), text) for size, text in usual_errors)
-    return f": {question}" if distance < USUAL_ERROR else ""
+    return question if distance < USUAL_ERROR else ""
 
 
 def _scale_by_force(tracks: TrackSpeedSeries, imu: ImuSeries, robot: Robot) -> Estimate | None:
     """Scale of the track speeds, by the acceleration of the IMU [-]; None if unclear."""
     # Accelerations are means over successive intervals of `imu_mounting.SMOOTHING`.
-    stamps, (_, force) = imu.stamps, in_base(imu, robot)
+    stamps, force = imu.stamps, force_in_base(imu, robot)
     if force is None:
         return None
     step = float(np.median(np.diff(stamps))) * NANOSECOND
@@ -410,13 +438,13 @@ def _scale_by_force(tracks: TrackSpeedSeries, imu: ImuSeries, robot: Robot) -> E
         return None
     speed = np.interp(stamps, tracks.stamps, tracks.speeds.mean(axis=1))
     edges = slice(0, count * width + 1, width)
-    of_tracks = np.diff(speed[edges]) / (np.diff(stamps[edges]) * NANOSECOND)
-    of_imu = force[: count * width, 0].reshape(count, width).mean(axis=1)
-    is_known = np.isfinite(of_imu)
+    track_acceleration = np.diff(speed[edges]) / (np.diff(stamps[edges]) * NANOSECOND)
+    imu_acceleration = force[: count * width, 0].reshape(count, width).mean(axis=1)
+    is_known = np.isfinite(imu_acceleration)
     # Changes from one interval to the next are free of slopes and bias, which change slowly.
-    by_tracks, by_imu = np.diff(of_tracks[is_known]), np.diff(of_imu[is_known])
+    by_tracks, by_imu = np.diff(track_acceleration[is_known]), np.diff(imu_acceleration[is_known])
 
-    def slope(rows: NDArray[np.int_]) -> float:
+    def slope(rows: Indexes) -> float:
         x, y = by_tracks[rows], by_imu[rows]
         return float(x @ y / (x @ x))
 
@@ -449,7 +477,7 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
     if estimate is None:
         yield Check(TRACK, in_file, "not seen: tracks and gyro turn too little, or not alike")
         return
-    track, sigma = estimate.value, estimate.sigma
+    track, sigma, _ = estimate
     ratio = track / stated
     error = "" if sigma is None else f" ± {sigma:.1g}"
     in_log = f"{track:.2f}{error} m by the gyro, {ratio:.2f} times"

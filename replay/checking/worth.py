@@ -50,14 +50,11 @@ def worth_of(
     report = progress or (lambda _: None)
     log = replace(log, fixes=None)
     wrong = [check for check in checks if check.problem]
-    count = 2 + len(wrong)
-    fitting = [span for span in HORIZONS if log.duration > 2.0 * span]
-    horizon = fitting[0] if fitting else HORIZONS[-1]
+    horizon = next((span for span in HORIZONS if log.duration > 2.0 * span), HORIZONS[-1])
     run, truth = _run(*corrected(log, robot, wrong))
     best_path = run.trajectory.pose_series
     reference = best_path if truth is None else truth
     best_drift = drift(best_path, reference, horizon).percent_mean
-    report(1 / count)
 
     def drift_with(corrections: Sequence[Check]) -> float:
         """Drift with some checks corrected [%]; the truth is aligned with each run."""
@@ -68,9 +65,10 @@ def worth_of(
         path = run.trajectory.pose_series
         return drift(path, reference if truth is None else truth, horizon).percent_mean
 
+    report(1 / (2 + len(wrong)))
     as_it_is, costs = drift_with([]) if wrong else best_drift, []
     for index, check in enumerate(wrong):
-        report((2 + index) / count)
+        report((2 + index) / (2 + len(wrong)))
         others = [other for other in wrong if other is not check]
         if check.correction is None:
             costs.append(float("nan"))
@@ -90,8 +88,8 @@ def judged(
     Returns the checks, with no problem where one was withdrawn, their worth, a note on each withdrawn
     one; raises what `worth_of` does.
     """
-    worth, notes = worth_of(log, robot, checks, progress), []
-    wrong, judged_checks = [check for check in checks if check.problem], list(checks)
+    worth, notes, judged_checks = worth_of(log, robot, checks, progress), [], list(checks)
+    wrong = (check for check in checks if check.problem)
     for check, cost in zip(wrong, worth.costs, strict=True):
         # A negative cost: the correction increases the drift.
         if check.name == LATENCY and log.truth is not None and cost < -LEAST_COST:

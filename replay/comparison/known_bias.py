@@ -15,6 +15,7 @@ from icreckon.estimator.robot.robot_file import Robot, changed_robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.estimates.gyro_bias import bias_while_driving
+from icreckon.replay.estimates.imu_mounting import YawRates
 
 GYRO = "gyro"
 UNLEARNT = 0.5  # share of its initial standard deviation from which a bias is not learnt
@@ -54,7 +55,8 @@ def known_bias(run: Run, log: Log, robot: Robot, within: list[tuple[int, int]]) 
         return None
     used = float(run.states[unlearnt, s.GYRO_BIAS].mean())
     rates = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
-    bias = bias_while_driving(replace(log, truth=replace(log.truth, headings=True)), rates)
+    with_headings = replace(log, truth=replace(log.truth, headings=True))
+    bias = bias_while_driving(with_headings, YawRates(log.imu.stamps, rates))
     if bias is None or bias.source != "truth" or abs(bias.value) > LARGEST:
         return None
     return KnownBias(used, bias.value, bias.sigma) if bias.differs(used) else None

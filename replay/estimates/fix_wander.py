@@ -14,15 +14,17 @@ The same fit over shorter windows gives the place of the antenna.
 """
 
 import math
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import are_within, pieces
 from icreckon.estimator.log.series import running_integral
+from icreckon.replay.estimates.imu_mounting import YawRates
 
 WINDOW = 120.0  # length of a window [s]
 LEAST_WINDOWS = 2  # least number of windows
@@ -65,17 +67,18 @@ class FixWanderEstimate(NamedTuple):
         if not self.sigma:
             return f"{white}; {self.reason}, no wander is proposed"
         shortest, longest = self.times
-        times = f"{self.time:g} s ({shortest:g} to {longest:g} s fit as well)"
-        slow = f"{self.sigma:.2g} m over {times}"
+        slow = (
+            f"{self.sigma:.2g} m over {self.time:g} s ({shortest:g} to {longest:g} s fit as well)"
+        )
         if self.reason:
             return f"{white}, and a slow part of {slow}; {self.reason}: no wander is proposed"
         text = f"their error wanders, by {slow}, besides {white}"
-        if self.stated is None:
-            return text
-        return (
-            f"{text}: that is less than the {self.stated:.2g} m that they state, so the rest changes "
-            "slowly (some of it may be odometry's)"
-        )
+        if self.stated is not None:
+            text += (
+                f": that is less than the {self.stated:.2g} m that they state, so the rest changes "
+            )
+            text += "slowly (some of it may be odometry's)"
+        return text
 
 
 class _Window(NamedTuple):
@@ -88,7 +91,7 @@ class _Window(NamedTuple):
     design: Floats  # (n, k) orthonormal regressors that span the columns
 
 
-class _Fit(NamedTuple):
+class _ErrorFit(NamedTuple):
     """Fit of an error model of the fixes to all windows."""
 
     likelihood: float  # logarithm of the restricted likelihood, less a constant
@@ -96,60 +99,49 @@ class _Fit(NamedTuple):
 
 
 def estimate_wander(
-    log: Log, vertical: Floats | None, *, states_sigma: bool = True
+    log: Log, yaw_rates: YawRates | None, *, states_sigma: bool = True
 ) -> FixWanderEstimate | str:
     """Estimate white noise and wander of a log's fixes, or the reason why that fails.
 
-    `vertical` (n,) is the rate of the IMU about the vertical [rad/s]; track speeds may have any unit. The
-    variances of fixes count only if these state them.
+    Track speeds may have any unit. The variances of the fixes count only if `states_sigma`.
     """
     if log.fixes is None or not len(log.fixes.stamps):
         return "there are no fixes"
-    if vertical is None or log.imu is None or len(log.tracks.stamps) < 2:
+    if yaw_rates is None or len(log.tracks.stamps) < 2:
         return "there is no gyro, or no track speeds, to compare them with"
-    windows = _cut_windows(log, log.imu.stamps, vertical, WINDOW)
+    windows = _cut_windows(log, yaw_rates, WINDOW)
     if len(windows) < LEAST_WINDOWS:
         return (
             f"it takes {LEAST_WINDOWS} spans of {WINDOW:.0f} s with {FEWEST_IN_WINDOW} fixes, tracks and "
             f"IMU, found {len(windows)}"
         )
-    white_fit = _fit(windows, None)
-    fits = {(time, ratio): _fit(windows, (time, ratio)) for time in TIMES for ratio in RATIOS}
+    white_fit = _fit_errors(windows, None)
+    fits = {model: _fit_errors(windows, model) for model in product(TIMES, RATIOS)}
     time, ratio = max(fits, key=lambda model: fits[model].likelihood)
-    best_fit, times = fits[time, ratio], _times_as_good(fits)
+    best_fit = fits[time, ratio]
+    least = best_fit.likelihood - 0.5 * AS_GOOD  # likelihood of models that fit as well
+    as_good = [t for t in TIMES if any(fits[t, r].likelihood >= least for r in RATIOS)]
+    times = as_good[0], as_good[-1]
     if ratio == RATIOS[0]:
         # White noise below the steps of the wander is not observable: the largest that fits as well.
-        losses = {one: 2.0 * (best_fit.likelihood - fits[time, one].likelihood) for one in RATIOS}
-        ratio = max(one for one, loss in losses.items() if loss <= AS_GOOD)
+        ratio = max(r for r in RATIOS if fits[time, r].likelihood >= least)
         best_fit = fits[time, ratio]
     if 2.0 * (best_fit.likelihood - white_fit.likelihood) < CLEAR:
         white = float(np.sqrt(white_fit.variance))
         return FixWanderEstimate(white, 0.0, time, times, "white noise alone explains them")
-    # The fixes wander, or odometry does.
     sigma = float(np.sqrt(best_fit.variance))
     white = ratio * sigma
     stated = float(np.sqrt(np.median(log.fixes.variances[:, 0])))
     is_stated = states_sigma and STATED * white < stated and sigma < STATED_AT_MOST * stated
     driven = _distance_driven(windows, max(time, SLOWEST_SLIP))
     exceeds_odometry = sigma >= ODOMETRY_ERROR * driven
-    reason = ""
+    reason = ""  # not to propose the wander, which may be odometry's
     if times[0] > 0.5 * WINDOW:
         reason = f"it changes too slowly for spans of {WINDOW:.0f} s, as errors of odometry do"
     elif not (exceeds_odometry or is_stated):
         reason = f"odometry may be off by as much over {driven:.0f} m of driving"
     is_only_stated = not reason and not exceeds_odometry
     return FixWanderEstimate(white, sigma, time, times, reason, stated if is_only_stated else None)
-
-
-def _times_as_good(fits: dict[tuple[float, float], _Fit]) -> tuple[float, float]:
-    """Shortest and longest correlation time that fit about as well as the best [s].
-
-    `fits` has a fit for each pair of `TIMES` and `RATIOS`.
-    """
-    best = max(fit.likelihood for fit in fits.values())
-    losses = {time: best - max(fits[time, ratio].likelihood for ratio in RATIOS) for time in TIMES}
-    as_good = [time for time in TIMES if 2.0 * losses[time] <= AS_GOOD]
-    return as_good[0], as_good[-1]
 
 
 class FixFit(NamedTuple):
@@ -174,24 +166,24 @@ class FixFit(NamedTuple):
         return abs(self.lag) >= max(LEAST_LAG, ANTENNA_SIGMAS * self.lag_sigma)
 
 
-def fit_fixes(log: Log, vertical: Floats | None) -> FixFit | None:
-    """Fit place, lag and scale in each window; `vertical` as in `estimate_wander`.
+def fit_fixes(log: Log, yaw_rates: YawRates | None) -> FixFit | None:
+    """Fit place, lag and scale in each window; track speeds may have any unit.
 
     None if three windows do not show them: the robot has to turn. A lag takes changes of speed.
     """
-    if vertical is None or len(log.tracks.stamps) < 2:
+    if yaw_rates is None or len(log.tracks.stamps) < 2:
         return None
-    stamps, bias = np.zeros(0, np.int64) if log.imu is None else log.imu.stamps, 0.0
-    tried: list[list[_WindowFit]] = []
+    bias, windows, fits = 0.0, list[_Window](), list[_WindowFit]()
     for _ in range(ANTENNA_ROUNDS):
-        windows = _cut_windows(log, stamps, vertical + bias, ANTENNA_WINDOW)
-        windows = [one for one in windows if one.design.shape[1] == one.columns.shape[1]]
+        corrected = yaw_rates._replace(rates=yaw_rates.rates + bias)
+        windows = _cut_windows(log, corrected, ANTENNA_WINDOW)
+        windows = [window for window in windows if window.design.shape == window.columns.shape]
         if len(windows) < ANTENNA_WINDOWS:
             return None
-        # Without a lag, and with one.
-        tried = [[_fit_window(one, with_lag) for one in windows] for with_lag in (False, True)]
-        bias += float(np.median([one.bias for one in tried[0]]))
-    without_lag, with_lag = map(_mean_fit, tried)
+        fits = [_fit_window(window, with_lag=False) for window in windows]
+        bias += float(np.median([fit.bias for fit in fits]))
+    without_lag = _mean_fit(fits)
+    with_lag = _mean_fit([_fit_window(window, with_lag=True) for window in windows])
     return with_lag if with_lag.lag_sigma < LAG_OBSERVABLE else without_lag
 
 
@@ -200,12 +192,13 @@ class _WindowFit(NamedTuple):
 
     # (3,) complex: place of the antenna, forward + i left [m]; scale [-] and lag [s], which are real
     values: NDArray[np.complex128]
-    weights: Floats  # (3,) weights of these
+    weights: Floats  # (3,) inverse variances of the values
     bias: float  # error of the gyro's bias [rad/s]
-    scatter: float  # [m]
+    scatter: float  # RMS distance of the fixes from the fitted path [m]
 
 
-def _fit_window(window: _Window, with_lag: bool) -> _WindowFit:
+def _fit_window(window: _Window, *, with_lag: bool) -> _WindowFit:
+    """Fit the path by odometry to the fixes of a window, by linear least squares."""
     columns = window.columns
     if with_lag:
         columns = np.column_stack([columns, window.velocity])
@@ -218,40 +211,46 @@ def _fit_window(window: _Window, with_lag: bool) -> _WindowFit:
     weights = (scatter * np.linalg.norm(inverse, axis=1)) ** -2.0
     # The angle of the path's factor is the heading of odometry.
     place = by_heading * np.exp(-1j * np.angle(by_path))
-    lag = -(factors[4] / by_path).real if with_lag else 0.0
-    of_lag = weights[4] * abs(by_path) ** 2 if with_lag else 1.0
-    values, of_values = (place, abs(by_path), lag), (weights[3], weights[1], of_lag)
+    lag, lag_weight = 0.0, 1.0
+    if with_lag:
+        lag, lag_weight = -(factors[4] / by_path).real, weights[4] * abs(by_path) ** 2
+    values = np.array([place, abs(by_path), lag])
     bias = float((by_bias / by_path).real)
-    return _WindowFit(np.array(values), np.array(of_values), bias, scatter)
+    return _WindowFit(values, np.array([weights[3], weights[1], lag_weight]), bias, scatter)
 
 
-def _mean_fit(found: list[_WindowFit]) -> FixFit:
+def _mean_fit(fits: list[_WindowFit]) -> FixFit:
     """Means over windows, and standard errors by their spread: odometry errs more."""
-    weights = np.array([one.weights for one in found])
-    values = np.array([one.values for one in found])
+    weights = np.array([fit.weights for fit in fits])
+    values = np.array([fit.values for fit in fits])
     means = (weights * values).sum(axis=0) / weights.sum(axis=0)
-    spread = np.sqrt((weights**2 * np.abs(values - means) ** 2).sum(axis=0)) / weights.sum(axis=0)
-    spread *= np.sqrt(len(found) / (len(found) - 1.0))
-    scatter = float(np.median([one.scatter for one in found]))
-    place, (_, scale, lag) = np.array([means[0].real, means[0].imag]), means.real.tolist()
-    of_place, of_scale, of_lag = spread.tolist()
-    return FixFit(place, of_place / math.sqrt(2.0), scatter, scale, of_scale, lag, of_lag)
+    sigmas = np.sqrt((weights**2 * np.abs(values - means) ** 2).sum(axis=0)) / weights.sum(axis=0)
+    sigmas *= np.sqrt(len(fits) / (len(fits) - 1.0))
+    place_sigma, scale_sigma, lag_sigma = sigmas.tolist()
+    _, scale, lag = means.real.tolist()
+    return FixFit(
+        place=np.array([means[0].real, means[0].imag]),
+        sigma=place_sigma / math.sqrt(2.0),
+        scatter=float(np.median([fit.scatter for fit in fits])),
+        scale=scale,
+        scale_sigma=scale_sigma,
+        lag=lag,
+        lag_sigma=lag_sigma,
+    )
 
 
-def _cut_windows(log: Log, stamps: Stamps, vertical: Floats, length: float) -> list[_Window]:
+def _cut_windows(log: Log, yaw_rates: YawRates, length: float) -> list[_Window]:
     """Cut the fixes into windows of a length [s], with the path by odometry.
 
-    `vertical` (n,) is the yaw rate [rad/s] at the IMU's stamps (n,) [ns]. Windows with holes or too few
-    fixes are left out.
+    Windows with holes or too few fixes are left out.
     """
-    fixes = log.fixes
+    fixes, stamps = log.fixes, yaw_rates.stamps
     if fixes is None or len(stamps) < 2:
         return []
     origin = stamps[0]
     seconds = (stamps - origin) * NANOSECOND
-    yaw = running_integral(stamps, vertical)
     speed = np.interp(stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
-    heading = np.exp(1j * yaw)
+    heading = np.exp(1j * running_integral(*yaw_rates))
     velocity = speed * heading
     path = running_integral(stamps, velocity)
     # Change of the path by a bias of the gyro.
@@ -267,9 +266,9 @@ def _cut_windows(log: Log, stamps: Stamps, vertical: Floats, length: float) -> l
     numbers = np.unique((times - times[0]) // length)[:-1]  # the last one is incomplete
     begins = times[0] + numbers * length
     ends, is_covered = begins + length, np.ones(len(begins), dtype=bool)
-    for each in (stamps, log.tracks.stamps):
-        since = (each - origin) * NANOSECOND
-        is_covered &= are_within(pieces(each, LARGEST_HOLE), since, begins, ends)
+    for known in (stamps, log.tracks.stamps):
+        known_seconds = (known - origin) * NANOSECOND
+        is_covered &= are_within(pieces(known, LARGEST_HOLE), known_seconds, begins, ends)
     windows = []
     for begin, end in zip(begins[is_covered], ends[is_covered], strict=True):
         rows = np.flatnonzero((times >= begin) & (times < end))
@@ -277,10 +276,10 @@ def _cut_windows(log: Log, stamps: Stamps, vertical: Floats, length: float) -> l
         rows = rows[:: max(1, math.ceil(len(rows) / MOST_IN_WINDOW))]
         if len(rows) < FEWEST_IN_WINDOW:
             continue
-        at, by_bias, turned, moving = (np.interp(times[rows], seconds, curve) for curve in curves)
+        place, bias_change, turn, moving = (np.interp(times[rows], seconds, c) for c in curves)
         # A bias turns the path about the heading at the middle of the window.
-        by_bias = by_bias - 0.5j * (begin + end) * at
-        columns = np.column_stack([np.ones(len(rows)), at, by_bias, turned])
+        bias_change = bias_change - 0.5j * (begin + end) * place
+        columns = np.column_stack([np.ones(len(rows)), place, bias_change, turn])
         windows.append(_Window(times[rows], positions[rows], columns, moving, _basis(columns)))
     return windows
 
@@ -294,8 +293,8 @@ def _basis(columns: Floats) -> Floats:
     return basis
 
 
-def _are_outliers(positions: Floats) -> NDArray[np.bool_]:
-    """Mask (n,) of the fixes that are far from the median of five, x and y alone."""
+def _are_outliers(positions: Floats) -> Flags:
+    """Mask (n,) of the fixes that are far from the median of five, in x and in y."""
     from scipy.ndimage import median_filter
 
     if len(positions) < 5:
@@ -305,9 +304,11 @@ def _are_outliers(positions: Floats) -> NDArray[np.bool_]:
     return np.asarray(distance > OUTLYING * np.median(distance) + 1e-6)
 
 
-def _fit(windows: list[_Window], model: tuple[float, float] | None) -> _Fit:
-    """Fit the variance of an error model, by restricted maximum likelihood."""
-    # `model` is the correlation time [s] and the ratio of the white noise to the wander; None: no wander.
+def _fit_errors(windows: list[_Window], model: tuple[float, float] | None) -> _ErrorFit:
+    """Fit the variance of an error model, by restricted maximum likelihood.
+
+    `model` is the correlation time [s] and the ratio of the white noise to the wander; None: no wander.
+    """
     freedom, squares, log_determinants = 0, 0.0, 0.0
     for window in windows:
         fixes, regressors = window.design.shape
@@ -328,7 +329,7 @@ def _fit(windows: list[_Window], model: tuple[float, float] | None) -> _Fit:
         freedom += fixes - regressors
     # Both axes: the variance of a complex number is twice that of each.
     variance = squares / freedom
-    return _Fit(-freedom * float(np.log(variance)) - log_determinants, 0.5 * variance)
+    return _ErrorFit(-freedom * float(np.log(variance)) - log_determinants, 0.5 * variance)
 
 
 def _distance_driven(windows: list[_Window], time: float) -> float:

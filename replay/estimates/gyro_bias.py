@@ -3,15 +3,15 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Indexes, Stamps
 from icreckon.estimator.base.lag_search import BLOCKS
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.log.scores import are_within, even_grid, pieces
 from icreckon.estimator.log.series import running_integral
 from icreckon.replay.estimates import imu_mounting
+from icreckon.replay.estimates.imu_mounting import YawRates
 from icreckon.replay.estimates.wheels import jackknifed
 from icreckon.replay.reading.stamps import true_runs
 
@@ -32,41 +32,47 @@ class GyroBias(NamedTuple):
     source: str  # "standstill", "truth" or "tracks"
     walk: float = 0.0  # its random walk over the standstills; 0 if none is clear [rad/s/√s]
 
+    @property
+    def is_clear(self) -> bool:
+        """True if it is measured at standstill, or significantly off zero."""
+        return self.source == "standstill" or self.differs(0.0)
+
     def differs(self, expected: float, sigma: float = 0.0) -> bool:
         """Return True if the bias is significantly off the expected one ± sigma [rad/s]."""
         least = LEAST_BY_TRACKS if self.source == "tracks" else 0.0
         return abs(self.value - expected) > max(least, SURE * float(np.hypot(sigma, self.sigma)))
 
 
-def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBias | None:
+def gyro_bias(log: Log, yaw_rates: YawRates, noise_density: float = 0.0) -> GyroBias | None:
     """Estimate the bias of the gyro; None if the log does not show it.
 
     A standstill is preferred, then the headings of a truth, then the tracks, whose speeds may be rates.
-    `vertical` (n,) is the rate about the vertical at the IMU's stamps [rad/s], the noise density its
-    noise, for the error at standstill [rad/s/√Hz].
+    The noise density of the gyro [rad/s/√Hz] gives the standard error at standstill.
     """
-    if log.imu is None or len(log.imu.stamps) < 2:
+    stamps, rates = yaw_rates
+    if len(stamps) < 2:
         return None
-    is_still = imu_mounting.standstill(log.tracks, log.imu.stamps)
-    seconds = float(is_still.sum()) * float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
+    is_still = imu_mounting.standstill(log.tracks, stamps)
+    seconds = float(is_still.sum()) * float(np.median(np.diff(stamps))) * NANOSECOND
     if seconds >= imu_mounting.ENOUGH_STILL:
         sigma = noise_density / float(np.sqrt(seconds))
-        mean, walk = float(vertical[is_still].mean()), _walk(log.imu.stamps, vertical, is_still)
+        mean, walk = float(rates[is_still].mean()), _walk(yaw_rates, is_still)
         return GyroBias(mean, sigma, "standstill", walk)
-    return bias_while_driving(log, vertical)
+    return bias_while_driving(log, yaw_rates)
 
 
-def _walk(stamps: Stamps, vertical: Floats, is_still: Flags) -> float:
-    """Random walk that changes the bias as much as it changes over the standstills.
+def _walk(yaw_rates: YawRates, is_still: Flags) -> float:
+    """Random walk of the bias [rad/s/√s] by its change over the standstills (mask n).
 
     A line is fitted to their means, since a warm-up changes the bias steadily. 0 if no change is clear.
     """
+    stamps, rates = yaw_rates
     stops = [slice(first, last + 1) for first, last in true_runs(is_still)]
     if len(stops) < FEWEST_STOPS:
         return 0.0
-    times = np.array([float(stamps[one].mean() - stamps[0]) for one in stops]) * NANOSECOND
-    means = np.array([vertical[one].mean() for one in stops])
-    weights = np.sqrt([one.stop - one.start for one in stops])
+    times = np.array([float(stamps[stop].mean() - stamps[0]) for stop in stops]) * NANOSECOND
+    means = np.array([rates[stop].mean() for stop in stops])
+    weights = np.sqrt([stop.stop - stop.start for stop in stops])
     (slope, _), covariance = np.polyfit(times, means, 1, w=weights, cov=True)
     duration = float(np.ptp(times))
     change = abs(float(slope)) * duration
@@ -74,14 +80,14 @@ def _walk(stamps: Stamps, vertical: Floats, is_still: Flags) -> float:
     return change / float(np.sqrt(duration)) if is_clear else 0.0
 
 
-def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
+def bias_while_driving(log: Log, yaw_rates: YawRates) -> GyroBias | None:
     """Estimate the bias of the gyro by the headings of a truth, or else by the tracks.
 
     Linear regression: the gyro's turning in a window is the bias times the window's length, plus a factor
-    times the turning of each reference. Arguments and result are those of `gyro_bias`.
+    times the turning of each reference. None if the log does not show it.
     """
-    tracks, imu = log.tracks, log.imu
-    if imu is None or not imu_mounting.are_usable(tracks):
+    tracks = log.tracks
+    if not imu_mounting.are_usable(tracks):
         return None
     if log.truth is not None and log.truth.headings and heading_fault(log.truth) is None:
         source, stamps = "truth", log.truth.poses.stamps
@@ -91,10 +97,10 @@ def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
         left, right = tracks.speeds.T
         # The sum counts, too: unequal radii turn the robot by a share of the distance.
         references = [running_integral(stamps, speeds) for speeds in (right - left, right + left)]
-    edges, is_whole = _windows(stamps, imu.stamps)
+    edges, is_whole = _windows(stamps, yaw_rates.stamps)
     if is_whole.sum() < 2 * BLOCKS:
         return None
-    turned = np.interp(edges, imu.stamps, running_integral(imu.stamps, vertical))
+    turned = np.interp(edges, yaw_rates.stamps, running_integral(*yaw_rates))
     turning = np.diff(turned)[is_whole]
     changes = [np.diff(np.interp(edges, stamps, column))[is_whole] for column in references]
     if source == "tracks":
@@ -103,7 +109,7 @@ def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
             return None
     design = np.column_stack([np.full(len(turning), WINDOW), *changes])
 
-    def fitted_bias(rows: NDArray[np.int_]) -> float:
+    def fitted_bias(rows: Indexes) -> float:
         (bias, *_factors), *_ = np.linalg.lstsq(design[rows], turning[rows], rcond=None)
         return float(bias)
 

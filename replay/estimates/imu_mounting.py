@@ -6,11 +6,11 @@ and the centripetal acceleration, and the times of standstill.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Stamps
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
@@ -30,24 +30,27 @@ UNLIKE, TURNING_SHARE, TURNING_RATE = 0.3, 0.2, 0.1
 CLEAR_SCORE = 0.4  # smallest sum of two correlations at which a yaw of the mount is accepted [-]
 
 
+class YawRates(NamedTuple):
+    """Rates about the vertical, by an IMU and its mounting."""
+
+    stamps: Stamps  # (n,) those of the IMU [ns]
+    rates: Floats  # (n,) [rad/s]
+
+
 @dataclass(frozen=True)
 class Mounting:
     """Mounting and noise of an IMU, estimated from a log."""
 
-    # roll, pitch to level it, yaw, by the tracks to the next 90 deg [deg]
-    rotation_rpy_deg: tuple[float, float, float]
+    rotation_rpy_deg: tuple[float, float, float]  # [deg]; a yaw by the tracks is a multiple of 90
     up_shown_by: str  # evidence of the vertical: "gravity", "turning", or "" for none
     yaw_shown_by: str  # evidence of the yaw: "tracks", "tf_static", or "" for none: set to 0
     specific_force: Floats | None  # (3,) mean in the IMU's axes [m/s²], None without accelerometers
     still_seconds: float  # duration of standstill in the log [s]
     gyro_axes: str  # "z" if the other two gyros always read zero, otherwise "xyz"
-    # correlation of the rate about the vertical with V_r - V_l, or None without turning in the
-    # track speeds
-    turning_correlation: float | None
+    turning_correlation: float | None  # of yaw rate and V_r - V_l, or None if one is constant
     gyro_bias: Floats | None  # (3,) mean rates at standstill in the IMU's axes [rad/s], or None
     gyro_noise_density: float | None  # of the vertical rate at standstill [rad/s/√Hz], or None
-    # noise density of the specific force to the left over half a second, including vibration,
-    # slopes and all else beyond the tracks' motion [m/s²/√Hz], or None
+    # of the horizontal specific force while driving, beyond the tracks' motion [m/s²/√Hz], or None
     accelerometer_noise_density: float | None
 
 
@@ -71,14 +74,16 @@ def estimate_mounting(log: Log) -> Mounting | None:
     pitch = float(np.degrees(np.arctan2(-x, np.hypot(y, z))))
     levelling = rpy_to_matrix(np.radians(roll), np.radians(pitch), 0.0)
     gyro_axes = "xyz" if rates[:, :2].any() else "z"
-    vertical = rate_about(levelling[2], rates, gyro_axes)
+    yaw_rates = YawRates(imu.stamps, rate_about(levelling[2], rates, gyro_axes))
     is_still = standstill(log.tracks, imu.stamps)
     step = float(np.median(np.diff(imu.stamps))) * NANOSECOND
     yaw = accelerometer_noise = None
     if forces is not None and shown_by == "gravity":
         horizontal = forces @ levelling[:2].T
-        yaw = forward_yaw(log.tracks, imu.stamps, horizontal, vertical)
-        accelerometer_noise = _density_while_driving(log, horizontal, vertical, is_still, step)
+        yaw = forward_yaw(log.tracks, yaw_rates, horizontal)
+        accelerometer_noise = _density_while_driving(
+            log.tracks, yaw_rates, horizontal, ~is_still, step
+        )
     still_seconds = float(is_still.sum()) * step
     has_stood = still_seconds >= ENOUGH_STILL
     return Mounting(
@@ -88,9 +93,9 @@ def estimate_mounting(log: Log) -> Mounting | None:
         specific_force=force,
         still_seconds=still_seconds,
         gyro_axes=gyro_axes,
-        turning_correlation=turning_correlation(log.tracks, imu, vertical),
+        turning_correlation=turning_correlation(log.tracks, yaw_rates),
         gyro_bias=rates[is_still].mean(axis=0) if has_stood else None,
-        gyro_noise_density=density(vertical, is_still, step) if has_stood else None,
+        gyro_noise_density=density(yaw_rates.rates, is_still, step) if has_stood else None,
         accelerometer_noise_density=accelerometer_noise,
     )
 
@@ -102,32 +107,31 @@ def are_usable(tracks: TrackSpeedSeries) -> bool:
 
 def turning_axis(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:
     """Unit axis (3,) of an IMU about which it turns as the tracks do; None if unclear."""
-    difference = _turning(tracks, imu)
-    if difference is None:
+    if not are_usable(tracks):
         return None
-    rates = imu.angular_velocity
+    difference, rates = (
+        np.interp(imu.stamps, tracks.stamps, tracks.difference),
+        imu.angular_velocity,
+    )
     covariance = (rates - rates.mean(axis=0)).T @ (difference - difference.mean())
     size = float(np.linalg.norm(covariance))
     if size == 0.0:
         return None
     axis = covariance / size
-    correlation = turning_correlation(tracks, imu, rates @ axis)
+    correlation = turning_correlation(tracks, YawRates(imu.stamps, rates @ axis))
     return axis if correlation is not None and correlation > CLEAR_TURNING else None
 
 
-def forward_yaw(
-    tracks: TrackSpeedSeries, stamps: NDArray[np.int64], horizontal: Floats, vertical: Floats
-) -> float | None:
+def forward_yaw(tracks: TrackSpeedSeries, yaw_rates: YawRates, horizontal: Floats) -> float | None:
     """Estimate the yaw of a levelled mount to the next 90 deg; None if not observable.
 
-    The result [deg] is the candidate of four whose forward axis follows the change of the tracks' mean
-    speed v, and whose left axis follows v w; both are averaged over half a second.
-
-    `stamps` (n,) are those of the IMU [ns], `horizontal` (n, 2) the specific force in the levelled axes
-    [m/s²], `vertical` (n,) the rate about the vertical [rad/s].
+    Of four candidates the result [deg] is the one whose forward axis follows the change of the tracks'
+    mean speed v, and whose left axis follows v times the yaw rate; all are averaged over half a second.
+    `horizontal` (n, 2) is the specific force in the levelled axes [m/s²].
     """
     if not are_usable(tracks):
         return None
+    stamps = yaw_rates.stamps
     seconds = (stamps - stamps[0]) * NANOSECOND
     width = max(1, round(SMOOTHING / float(np.median(np.diff(seconds)))))  # samples of an average
     if len(stamps) < 20 * width:
@@ -138,7 +142,7 @@ def forward_yaw(
 
     speed = np.interp(stamps, tracks.stamps, tracks.speeds.mean(axis=1))
     change = smooth(np.gradient(smooth(speed), seconds))
-    centripetal = smooth(speed * vertical)
+    centripetal = smooth(speed * yaw_rates.rates)
     x, y = smooth(horizontal[:, 0]), smooth(horizontal[:, 1])
     if min(map(np.ptp, (change, centripetal, x, y))) == 0.0:
         return None
@@ -150,10 +154,11 @@ def forward_yaw(
     return best if scores[best] >= CLEAR_SCORE and scores[best] >= 2.0 * scores[second] else None
 
 
-def vertical_rate(imu: ImuSeries, mounting: Mounting) -> Floats:
-    """Rate about the vertical (n,) [rad/s] of an IMU with a mounting."""
+def vertical_rate(imu: ImuSeries, mounting: Mounting) -> YawRates:
+    """Rates about the vertical of an IMU with a mounting."""
     roll, pitch, _ = np.radians(mounting.rotation_rpy_deg)
-    return rate_about(rpy_to_matrix(roll, pitch, 0.0)[2], imu.angular_velocity, mounting.gyro_axes)
+    upward = rpy_to_matrix(roll, pitch, 0.0)[2]
+    return YawRates(imu.stamps, rate_about(upward, imu.angular_velocity, mounting.gyro_axes))
 
 
 def rate_about(upward: Floats, rates: Floats, gyro_axes: str) -> Floats:
@@ -175,7 +180,7 @@ def stops(tracks: TrackSpeedSeries) -> list[tuple[int, int]]:
     return [(int(tracks.stamps[k]), int(tracks.stamps[m + 1])) for k, m in true_runs(rests)]
 
 
-def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+def standstill(tracks: TrackSpeedSeries, stamps: Stamps) -> Flags:
     """Mask (n,) of the stamps [ns] that lie well inside a stop of both tracks."""
     result = np.zeros(len(stamps), dtype=bool)
     margin = round(STILL_MARGIN / NANOSECOND)
@@ -184,66 +189,59 @@ def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[n
     return result
 
 
-def turning_correlation(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> float | None:
-    """Correlation of V_r - V_l with the vertical rate; None if one is constant."""
-    # `vertical` (n,) is the rate of the IMU about the vertical [rad/s].
-    difference = _turning(tracks, imu)
-    if difference is None or np.ptp(difference) == 0.0 or np.ptp(vertical) == 0.0:
+def turning_correlation(tracks: TrackSpeedSeries, yaw_rates: YawRates) -> float | None:
+    """Correlation of V_r - V_l with the yaw rate; None if unusable or one is constant."""
+    if not are_usable(tracks):
         return None
-    return float(np.corrcoef(difference, vertical)[0, 1])
+    difference = np.interp(yaw_rates.stamps, tracks.stamps, tracks.difference)
+    if np.ptp(difference) == 0.0 or np.ptp(yaw_rates.rates) == 0.0:
+        return None
+    return float(np.corrcoef(difference, yaw_rates.rates)[0, 1])
 
 
-def backward_side(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> str | None:
+def backward_side(tracks: TrackSpeedSeries, yaw_rates: YawRates) -> str | None:
     """Side that counts backward: then V_r + V_l turns as the gyro; None for neither."""
     mirrored = TrackSpeedSeries(tracks.stamps, tracks.speeds * (1.0, -1.0))
-    correlation = turning_correlation(mirrored, imu, vertical)
+    correlation = turning_correlation(mirrored, yaw_rates)
     if correlation is None or abs(correlation) < CLEAR_TURNING:
         return None
     return "right" if correlation > 0.0 else "left"
 
 
-def turn_apart(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> bool:
+def turn_apart(tracks: TrackSpeedSeries, yaw_rates: YawRates) -> bool:
     """Return True if tracks and gyro both turn clearly, but not together."""
-    correlation = turning_correlation(tracks, imu, vertical)
+    correlation = turning_correlation(tracks, yaw_rates)
     if correlation is None or abs(correlation) > UNLIKE:
         return False
     do_tracks = tracks.difference.std() > TURNING_SHARE * np.abs(tracks.speeds).mean()
-    return bool(do_tracks and vertical.std() > TURNING_RATE)
-
-
-def _turning(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:
-    """V_r - V_l (n,) at the stamps of an IMU; None if speeds are missing or absurd."""
-    if not are_usable(tracks):
-        return None
-    return np.interp(imu.stamps, tracks.stamps, tracks.difference)
+    return bool(do_tracks and yaw_rates.rates.std() > TURNING_RATE)
 
 
 def _density_while_driving(
-    log: Log, horizontal: Floats, vertical: Floats, is_still: NDArray[np.bool_], step: float
+    tracks: TrackSpeedSeries, yaw_rates: YawRates, horizontal: Floats, drives: Flags, step: float
 ) -> float | None:
-    """Noise density of horizontal specific forces beyond the change of speed and v w.
+    """Noise density of horizontal specific forces (n, 2) while the robot drives (n,).
 
-    The density is the larger of two [m/s²/√Hz]: of neighbouring samples (fast vibration), and of means
-    over `SMOOTHING` (with slopes and shocks). None if it hardly drives. `step` is the interval of the
-    IMU's samples [s]; the other arguments are as for `forward_yaw`.
+    The larger of two [m/s²/√Hz]: of neighbouring samples (fast vibration), and of means over `SMOOTHING`
+    without what the tracks' change of speed and their speed times the yaw rate explain (slopes, shocks).
+    None if the robot hardly drives. `step` is the interval of the samples [s].
     """
-    driving = ~is_still
-    if log.imu is None or driving.sum() <= 10:
+    if drives.sum() <= 10:
         return None
-    fast = max(density(axis, driving, step) for axis in horizontal.T)
+    fast = max(density(axis, drives, step) for axis in horizontal.T)
     width = max(1, round(SMOOTHING / step))
-    count = (len(driving) - 1) // width
-    if count < 20 or not are_usable(log.tracks):
+    count = (len(drives) - 1) // width
+    if count < 20 or not are_usable(tracks):
         return fast
 
     def means(values: Floats) -> Floats:
         """Means (count,) of successive `width` samples."""
         return np.asarray(values[: count * width].reshape(count, width).mean(axis=1))
 
-    speed = np.interp(log.imu.stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
+    speed = np.interp(yaw_rates.stamps, tracks.stamps, tracks.speeds.mean(axis=1))
     change = np.diff(speed[: count * width + 1 : width]) / (width * step)
-    design = np.column_stack([change, means(speed * vertical), np.ones(count)])
-    moving = means(driving.astype(float)) > 0.5
+    design = np.column_stack([change, means(speed * yaw_rates.rates), np.ones(count)])
+    moving = means(drives.astype(float)) > 0.5
     if moving.sum() < 20:
         return fast
     slow = 0.0
@@ -254,9 +252,9 @@ def _density_while_driving(
     return max(fast, slow)
 
 
-def density(values: Floats, where: NDArray[np.bool_], step: float) -> float:
+def density(values: Floats, where: Flags, step: float) -> float:
     """White noise density [unit/√Hz] of values (n,) where a mask (n,) is set."""
-    # `step` is the interval of the samples [s]. Differences of neighbours are free of slow changes.
+    # Differences of neighbours, `step` [s] apart, are free of slow changes. The variance of a difference
+    # is twice that of a sample.
     are_neighbours = where[1:] & where[:-1]
-    # The variance of a difference is twice that of a sample.
     return float(np.diff(values)[are_neighbours].std() / np.sqrt(2.0) * np.sqrt(step))

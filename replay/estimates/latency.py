@@ -34,7 +34,12 @@ from icreckon.estimator.log.series import (
     Truth,
     running_integral,
 )
-from icreckon.replay.estimates.imu_mounting import are_usable, estimate_mounting, vertical_rate
+from icreckon.replay.estimates.imu_mounting import (
+    YawRates,
+    are_usable,
+    estimate_mounting,
+    vertical_rate,
+)
 from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.topics import TopicMap
 
@@ -63,41 +68,42 @@ def without_lag(series: _Series, lag: Lag) -> _Series:
     return replace(series, stamps=series.stamps - round(lag.seconds / NANOSECOND))
 
 
-def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> Lag | NoLag:
-    """Estimate the latency of track speeds against the gyro."""
-    # Each track speed, in any unit, is the mean since the one before. `vertical` (n,) is the rate of the
-    # IMU about the vertical [rad/s].
-    by_tracks = turned(tracks.stamps, tracks.difference)
-    return find_lag(by_tracks, turned(imu.stamps, vertical), least=LEAST_TURN)
+def track_latency(tracks: TrackSpeedSeries, yaw_rates: YawRates) -> Lag | NoLag:
+    """Estimate the latency of track speeds, in any unit, against the gyro."""
+    # Each track speed is the mean since the one before.
+    return find_lag(turned(tracks.stamps, tracks.difference), turned(*yaw_rates), least=LEAST_TURN)
 
 
-def heading_lag(headings: Sequence[HeadingFix], imu: ImuSeries, rate: Floats) -> Lag | NoLag:
-    """Estimate the lag of headings behind the gyro, of a rate (n,) as for `truth_lag`."""
+def heading_lag(headings: Sequence[HeadingFix], yaw_rates: YawRates) -> Lag | NoLag:
+    """Estimate the lag of headings behind the gyro."""
     stamps = np.array([heading.stamp for heading in headings])
     yaws = np.unwrap([heading.yaw for heading in headings])
-    return find_lag(Curve(stamps, yaws), turned(imu.stamps, rate), least=LEAST_TURN)
+    return find_lag(Curve(stamps, yaws), turned(*yaw_rates), least=LEAST_TURN)
 
 
-def truth_lag(truth: Truth, tracks: TrackSpeedSeries, imu: ImuSeries, rate: Floats) -> Lag | NoLag:
-    """Estimate the lag of a truth by its headings, or else by its positions."""
-    # Headings are compared with the gyro: `rate` (n,) is the IMU's rate about the vertical [rad/s].
-    # Positions are compared with the path of tracks and gyro; the track speeds may have any unit.
+def truth_lag(
+    truth: Truth, tracks: TrackSpeedSeries, imu: ImuSeries, yaw_rates: YawRates
+) -> Lag | NoLag:
+    """Estimate the lag of a truth by its headings, or else by its positions.
+
+    Headings are compared with the gyro, positions with the path of tracks (in any unit) and gyro.
+    """
     if truth.headings:
-        return find_lag(heading_of(truth.poses), turned(imu.stamps, rate), least=LEAST_TURN)
+        return find_lag(heading_of(truth.poses), turned(*yaw_rates), least=LEAST_TURN)
     if not len(tracks.stamps):
         return NoLag("there are neither headings nor track speeds")
-    return find_lag(places_of(truth.poses), places_of(plain_path(tracks, imu, rate)))
+    return find_lag(places_of(truth.poses), places_of(plain_path(tracks, imu, yaw_rates.rates)))
 
 
 class ClockFit(NamedTuple):
     """Clock of the tracks against the IMU's."""
 
-    offset: float  # by which it is ahead at its first sample [s]
-    drift: float  # by which it gains on it from there on [s/s]
+    offset: float  # time by which the tracks' clock is ahead at its first sample [s]
+    drift: float  # growth of the offset over time [s/s]
 
     @property
     def is_apart(self) -> bool:
-        """True if that is more than a latency."""
+        """True if the clocks differ by more than a latency."""
         return abs(self.offset) >= LEAST_OFFSET or self.drift != 0.0
 
     def undone(self, tracks: TrackSpeedSeries) -> TrackSpeedSeries:
@@ -109,41 +115,41 @@ class ClockFit(NamedTuple):
         """Keys of the tracks' columns for a log that was read with these."""
         keys = {"clock_offset": round(tracks.clock_offset + self.offset, 2)}
         drift = round(tracks.clock_drift + self.drift, 6)
-        return keys | ({"clock_drift": drift} if drift != tracks.clock_drift else {})
+        if drift != tracks.clock_drift:
+            keys["clock_drift"] = drift
+        return keys
 
 
-def clock_fit(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> ClockFit | None:
+def clock_fit(tracks: TrackSpeedSeries, yaw_rates: YawRates) -> ClockFit | None:
     """Fit the clock of the tracks to that of the IMU, by yaw rates; None if not clear.
 
     Any offset is tried at which both overlap for a minute and half of the shorter, and drifts as those of
     ceramic resonators. A drift shows as a lag that differs in both halves.
     """
-    series = tracks.stamps, imu.stamps
-    if any(len(one) < 2 or (one[-1] - one[0]) * NANOSECOND > LONGEST for one in series):
-        return None
-    by_gyro, apart = _even_rates(imu.stamps, vertical), int(tracks.stamps[0] - imu.stamps[0])
-    shifts: dict[float, tuple[float, float]] = {}
+    for stamps in (tracks.stamps, yaw_rates.stamps):
+        if len(stamps) < 2 or (stamps[-1] - stamps[0]) * NANOSECOND > LONGEST:
+            return None
+    by_gyro = _even_rates(*yaw_rates)
+    starts_apart = int(tracks.stamps[0] - yaw_rates.stamps[0]) * NANOSECOND
+    candidates = {}
     for drift in DRIFTS:
         steady = ClockFit(0.0, drift).undone(tracks)
-        shifts[drift] = _best_shift(_even_rates(steady.stamps, steady.difference), by_gyro)
-    drift = max(shifts, key=lambda one: shifts[one])
-    size, shift = shifts[drift]
-    if not size:
+        correlation, shift = _best_shift(_even_rates(steady.stamps, steady.difference), by_gyro)
+        candidates[drift] = correlation, ClockFit(starts_apart - shift, drift)
+    correlation, best = max(candidates.values(), key=lambda candidate: candidate[0])
+    if not correlation:
         return None
-    fit = _with_drift(ClockFit(apart * NANOSECOND - shift, drift), tracks, imu, vertical)
-    if fit is not None:
-        return fit
-    size, shift = shifts[0.0]
-    if not size:
+    refined = _with_drift(best, tracks, yaw_rates)
+    if refined is not None:
+        return refined
+    correlation, without_drift = candidates[0.0]
+    if not correlation:
         return None
-    fit = ClockFit(apart * NANOSECOND - shift, 0.0)
-    rest = track_latency(fit.undone(tracks), imu, vertical)
-    return ClockFit(fit.offset + (rest.seconds if isinstance(rest, Lag) else 0.0), 0.0)
+    lag = track_latency(without_drift.undone(tracks), yaw_rates)
+    return ClockFit(without_drift.offset + (lag.seconds if isinstance(lag, Lag) else 0.0), 0.0)
 
 
-def _with_drift(
-    fit: ClockFit, tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats
-) -> ClockFit | None:
+def _with_drift(fit: ClockFit, tracks: TrackSpeedSeries, yaw_rates: YawRates) -> ClockFit | None:
     """Fit, refined by the lags of both halves of a log; None without a clear drift."""
     undone = fit.undone(tracks)
     stamps = undone.stamps
@@ -152,7 +158,7 @@ def _with_drift(
         TrackSpeedSeries(stamps[part], undone.speeds[part])
         for part in (stamps < middle, stamps >= middle)
     )
-    early, late = (track_latency(half, imu, vertical) for half in halves)
+    early, late = (track_latency(half, yaw_rates) for half in halves)
     if not (isinstance(early, Lag) and isinstance(late, Lag)):
         return None
     # Time between the middles of both halves [s], and growth of the lag per time [s/s].
@@ -165,10 +171,10 @@ def _with_drift(
 
 
 def _best_shift(by_tracks: Floats, by_gyro: Floats) -> tuple[float, float]:
-    """Correlation of two yaw rates, and the shift of its maximum [s].
+    """Largest correlation of two yaw rates, of either sign, and its shift [s].
 
     Both are even series (n,) of period `STEP`, without their means. The shift is positive if the gyro's
-    is later. The correlation, of either sign, is 0 if another shift has nearly as much, see `CLEAR`.
+    is later. The correlation is 0 if it is not clear, see `CLEAR`.
     """
     from scipy.signal import correlate
 
@@ -209,24 +215,26 @@ def on_one_clock(mapping: TopicMap, read: Callable[[TopicMap, str], Log]) -> Top
     columns = mapping.columns
     if columns is None or columns.tracks is None:
         return mapping
-    tracks, of_imu = read(mapping, "tracks").tracks, read(mapping, "imu")
-    mounting = estimate_mounting(of_imu)
-    if of_imu.imu is None or mounting is None or not are_usable(tracks):
+    tracks, imu_log = read(mapping, "tracks").tracks, read(mapping, "imu")
+    mounting = estimate_mounting(imu_log)
+    if imu_log.imu is None or mounting is None or not are_usable(tracks):
         return mapping
-    fit = clock_fit(tracks, of_imu.imu, vertical_rate(of_imu.imu, mounting))
+    fit = clock_fit(tracks, vertical_rate(imu_log.imu, mounting))
     if fit is None or not fit.is_apart:
         return mapping
     keys = fit.keys(columns.tracks)
     changed: dict[str, Any] = {"tracks": structs.replace(columns.tracks, **keys)}
-    spans = tracks.stamps, of_imu.imu.stamps
     for purpose in ("fixes", "truth"):
-        other = getattr(columns, purpose)
-        if other is not None and not other.clock_offset:
+        stream = getattr(columns, purpose)
+        if stream is not None and not stream.clock_offset:
             log = read(mapping, purpose)
             poses = log.truth.poses if log.truth is not None else log.fixes
-            shared = [poses is not None and _share_time(poses.stamps, span) for span in spans]
-            if shared == [True, False]:
-                changed[purpose] = structs.replace(other, clock_offset=keys["clock_offset"])
+            if (
+                poses is not None
+                and _share_time(poses.stamps, tracks.stamps)
+                and not _share_time(poses.stamps, imu_log.imu.stamps)
+            ):
+                changed[purpose] = structs.replace(stream, clock_offset=keys["clock_offset"])
     return structs.replace(mapping, columns=structs.replace(columns, **changed))
 
 

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import running_integral
-from icreckon.replay.estimates.imu_mounting import are_usable
+from icreckon.estimator.log.series import TrackSpeedSeries, running_integral
+from icreckon.replay.estimates.imu_mounting import YawRates, are_usable
 
 WINDOW = 0.5  # time over which the turning by the gyro and by the tracks is compared [s]
 EDGES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0)  # edges of the bins [rad/s]
@@ -35,19 +34,20 @@ class TrackByRate(NamedTuple):
     bins: tuple[RateBin, ...]  # effective track by the yaw rate, from the right to the left
 
 
-def track_windows(log: Log, vertical: Floats, bias: float = 0.0) -> Floats:
+def track_windows(tracks: TrackSpeedSeries, yaw_rates: YawRates, bias: float = 0.0) -> Floats:
     """Mean yaw rate [rad/s] and V_r - V_l (n, 2) in windows of steady turning.
 
-    Windows with a hole are left out. V_r - V_l is in m/s, or in rad/s if track speeds are rates.
-    `vertical` (n,) is the rate about the vertical at the IMU's stamps, with this bias [rad/s].
+    Windows with a hole are left out. V_r - V_l is in m/s, or in rad/s if track speeds are rates. The yaw
+    rates have a `bias` [rad/s].
     """
-    if log.imu is None or not are_usable(log.tracks):
+    if not are_usable(tracks):
         return np.zeros((0, 2))
-    tracks, imu, step = log.tracks.stamps, log.imu.stamps, round(WINDOW / NANOSECOND)
-    edges = np.arange(max(tracks[0], imu[0]), min(tracks[-1], imu[-1]) + 1, step)
+    imu, step = yaw_rates.stamps, round(WINDOW / NANOSECOND)
+    first, last = max(tracks.stamps[0], imu[0]), min(tracks.stamps[-1], imu[-1])
+    edges = np.arange(first, last + 1, step)
     is_used = np.ones(max(0, len(edges) - 1), bool)
     means = np.zeros((len(is_used), 2))
-    series = (imu, vertical - bias), (tracks, log.tracks.difference)
+    series = (imu, yaw_rates.rates - bias), (tracks.stamps, tracks.difference)
     for column, (stamps, values) in enumerate(series):
         interval_at_end = np.diff(stamps, prepend=stamps[0])[np.searchsorted(stamps, edges[1:])]
         is_used &= interval_at_end < step

@@ -34,13 +34,14 @@ def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
         ReplayError: the earlier file is no TOML file.
     """
     former_text, filled_in = _read_filled_in(path)
-    proposed_values, lines, kept = _values(tomllib.loads(proposed)), [], []
+    proposed_values = _values(tomllib.loads(proposed))
+    lines, kept, table = [], [], ""
 
-    def keep(table: str, key: str) -> None:
+    def keep(key: str) -> None:
+        """Write a person's value of this table."""
         lines.append(f"{key} = {toml_value(filled_in[table][key])}    # as filled in before")
         kept.append(f"{table}.{key}".lstrip("."))
 
-    table = ""
     for line in proposed.splitlines():
         header, assignment = TABLE.match(line), KEY.match(line.removeprefix("# "))
         key = assignment[1] if assignment else ""
@@ -49,23 +50,20 @@ def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
             lines.append(line)
             for added_key in filled_in.get(table, {}):
                 if added_key not in proposed_values.get(table, {}):
-                    keep(table, added_key)
-        elif key in filled_in.get(table, {}):
-            # A value whose proposed line is commented out was added at the top of its table already.
-            if not line.startswith("#"):
-                keep(table, key)
-        else:
+                    keep(added_key)
+        elif key not in filled_in.get(table, {}):
             lines.append(line)
+        elif not line.startswith("#"):
+            # A value whose proposed line is commented out was added at the top of its table already.
+            keep(key)
     for name, table_lines in _tables(former_text).items():
         if name not in _tables(proposed) and name in filled_in:
             lines += ["", *table_lines]
             kept.append(f"[{name}]")
-    marks = [
-        _mark(table, key, value)
-        for table, values in proposed_values.items()
-        for key, value in values.items()
-        if key not in filled_in.get(table, {})
-    ]
+    marks = []
+    for table, values in proposed_values.items():
+        own = values.keys() - filled_in.get(table, {}).keys()
+        marks += [_mark(table, key, values[key]) for key in values if key in own]
     # Space for "#~ " remains in lines of 100 characters.
     lines += ["", MARKS, *(f"{MARK} {line}" for line in textwrap.wrap(" ".join(marks), 97))]
     return "\n".join(lines) + "\n", kept

@@ -14,10 +14,12 @@ from icreckon.replay.estimates.fix_wander import FixWanderEstimate
 from icreckon.replay.estimates.gyro_bias import LEAST_BY_TRACKS, SURE
 from icreckon.replay.estimates.latency import objection
 from icreckon.replay.estimates.track_by_rate import TrackByRate, extremes
+from icreckon.replay.estimates.wheels import Estimate
 from icreckon.replay.inspection.guess_topics import is_special, may_be_a_side
 from icreckon.replay.inspection.log_estimates import LogEstimates
 from icreckon.replay.inspection.static_frames import contradiction
 from icreckon.replay.inspection.topic_survey import Survey
+from icreckon.replay.mapping.topics import TopicMap
 
 FAST_SPEED, FAST_RATE = 20.0, 120.0
 """Speed and wheel rate that a ground robot hardly exceeds [m/s, rad/s]."""
@@ -39,7 +41,7 @@ def findings(estimates: LogEstimates) -> Iterator[str]:
     yield from _failed_sensors(estimates, log)
     yield from _standstill_findings(estimates, log)
     yield from (f"suspicious: {text}" for text in unit_suspicions(estimates, log))
-    yield from _rate_finding(estimates.track)
+    yield from _rate_findings(estimates.track)
     yield from _error_findings(estimates)
 
 
@@ -73,22 +75,22 @@ def _lag_finding(purpose: str, lag: Lag | NoLag, *, by_yaw_rate: bool) -> str:
 
 def _track_findings(estimates: LogEstimates, log: Log) -> Iterator[str]:
     """Findings on the tracks: counts, effective track, turning against the IMU."""
-    mounting, rate = estimates.mounting, estimates.vertical
+    mounting, yaw_rates = estimates.mounting, estimates.yaw_rates
     if estimates.mapping.lacks_counts_per_turn:
         yield (
             "tracks: counters; fill in counts_per_turn, and inspect again with --overwrite for the "
             "effective track and radius"
         )
-    if estimates.wheels.track_ratio is not None:
-        yield _track_finding(estimates)
+    if estimates.wheels.track is not None:
+        yield _track_finding(estimates.wheels.track, estimates.mapping)
     if mounting is not None and (mounting.turning_correlation or 0.0) < -wheels.CLEAR_SIGN:
         yield (
             "tracks: they turn the other way than the gyro (correlation "
             f"{mounting.turning_correlation:.2f}): left and right may be swapped, the gyro's signs "
             "wrong, or the IMU upside down"
         )
-    if estimates.are_apart and log.imu is not None and rate is not None:
-        side = imu_mounting.backward_side(log.tracks, log.imu, rate)
+    if estimates.are_apart and yaw_rates is not None:
+        side = imu_mounting.backward_side(log.tracks, yaw_rates)
         backward = f"the {side} side counts backward, a minus before its names?"
         cause = backward if side else "another robot's topic, or another time's?"
         yield f"tracks: they turn, and the gyro turns, but not together: {cause}"
@@ -97,16 +99,15 @@ def _track_findings(estimates: LogEstimates, log: Log) -> Iterator[str]:
         yield from [problem] if problem else []
 
 
-def _track_finding(estimates: LogEstimates) -> str:
+def _track_finding(track: Estimate, mapping: TopicMap) -> str:
     """Finding on the effective track by the gyro, as settings of a controller have it."""
-    ratio, sigma = estimates.wheels.track_ratio, estimates.wheels.track_sigma
-    error = "" if sigma is None else f" (± {sigma:.1g})"
-    if estimates.mapping.from_twist:
+    ratio, error = track.value, "" if track.sigma is None else f" (± {track.sigma:.1g})"
+    if mapping.from_twist:
         return (
             f"tracks: the odometry turns {ratio:.2f}{error} times as far as the gyro: multiply the "
             f"wheel_separation_multiplier of its controller by {ratio:.2f}"
         )
-    unit = "times the effective radius" if estimates.mapping.in_rates else "m"
+    unit = "times the effective radius" if mapping.in_rates else "m"
     return (
         f"tracks: the effective track is {ratio:.3g}{error} {unit}, by the gyro; divided by the wheel "
         "separation it is a controller's wheel_separation_multiplier"
@@ -116,11 +117,11 @@ def _track_finding(estimates: LogEstimates) -> str:
 def _failed_sensors(estimates: LogEstimates, log: Log) -> Iterator[str]:
     """Findings on sensors that fail in the log or a part of it."""
     yield from (f"tracks: {stuck.text}" for stuck in estimates.stuck)
-    rates, is_usable = estimates.vertical, imu_mounting.are_usable(log.tracks)
-    if log.imu is not None and rates is not None and is_usable and not estimates.mapping.from_twist:
-        found = unequal_sides(log.tracks, log.imu, rates)
-        if found is not None:
-            yield f"tracks: {found.text}: look at counts, gears and radius of both sides"
+    yaw_rates, is_usable = estimates.yaw_rates, imu_mounting.are_usable(log.tracks)
+    if log.imu and yaw_rates and is_usable and not estimates.mapping.from_twist:
+        unequal = unequal_sides(log.tracks, log.imu, yaw_rates.rates)
+        if unequal is not None:
+            yield f"tracks: {unequal.text}: look at counts, gears and radius of both sides"
     span = imu_span(log)
     if span is not None:
         yield f"imu: {span[2]}: look at its driver and cable"
@@ -134,19 +135,19 @@ def _standstill_findings(estimates: LogEstimates, log: Log) -> Iterator[str]:
         total = sum(end - begin for begin, end in stops)
         spans = ", ".join(f"{begin:.0f} to {end:.0f} s" for begin, end in stops[:MOST_STOPS])
         more = ", ..." if len(stops) > MOST_STOPS else ""
-        found = f"{len(stops)}, {total:.0f} s in all ({spans}{more})"
-        yield f"standstills: {found if stops else 'none of a second or more'}"
+        text = f"{len(stops)}, {total:.0f} s in all ({spans}{more})"
+        yield f"standstills: {text if stops else 'none of a second or more'}"
     if mounting is not None and mounting.gyro_bias is not None:
         bias = ", ".join(f"{value:.5f}" for value in mounting.gyro_bias)
-        moves = "; it changes over the log, as with the temperature: gyro_bias_walk is proposed"
-        moves = moves if estimates.bias is not None and estimates.bias.walk else ""
-        yield f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes{moves}"
+        text = f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes"
+        if estimates.bias is not None and estimates.bias.walk:
+            text += "; it changes over the log, as with the temperature: gyro_bias_walk is proposed"
+        yield text
 
 
 def unit_suspicions(estimates: LogEstimates, log: Log) -> Iterator[str]:
     """Findings on values of a log that seem to be in another unit."""
     in_rates, mounting = estimates.mapping.in_rates, estimates.mounting
-    ratio = estimates.wheels.distance_ratio
     if mounting is not None and mounting.specific_force is not None:
         force = float(np.linalg.norm(mounting.specific_force))
         if abs(force - wheels.GRAVITY) > wheels.WRONG_GRAVITY * wheels.GRAVITY:
@@ -156,9 +157,10 @@ def unit_suspicions(estimates: LogEstimates, log: Log) -> Iterator[str]:
         fast = wheels.fast_turning(log.imu)
         if fast > wheels.FAST_TURNING:
             yield f"the gyro reads {fast:.3g} and more for 1 % of the time; rad/s, or rather deg/s?"
-        vertical = estimates.vertical
-        if estimates.mapping.from_twist and vertical is not None and len(log.tracks.stamps) > 1:
-            yield from wheels.turning_suspicion(log, vertical)
+    yaw_rates = estimates.yaw_rates
+    if estimates.mapping.from_twist and yaw_rates is not None and len(log.tracks.stamps) > 1:
+        suspicion = wheels.turning_suspicion(log.tracks, yaw_rates)
+        yield from [suspicion] if suspicion else []
     if len(log.tracks.speeds):
         fast = float(np.percentile(np.abs(log.tracks.speeds), 99))
         if in_rates and fast > FAST_RATE and not estimates.mapping.lacks_counts_per_turn:
@@ -168,16 +170,19 @@ def unit_suspicions(estimates: LogEstimates, log: Log) -> Iterator[str]:
             )
         if not in_rates and fast > FAST_SPEED:
             yield f"track speeds of {fast:.3g}; m/s, or rather mm/s?"
-    if not in_rates and ratio is not None and not 0.5 < ratio < 2.0:
-        size = f"{ratio:.3g} times that of the track speeds"
-        yield f"the distance over ground is {size}, by the {estimates.wheels.distance_source}"
+    distance = estimates.wheels.distance
+    if not in_rates and distance is not None and not 0.5 < distance.value < 2.0:
+        size = f"{distance.value:.3g} times that of the track speeds"
+        yield f"the distance over ground is {size}, by the {distance.source}"
 
 
-def _rate_finding(track: TrackByRate | None) -> Iterator[str]:
-    """Finding on whether the effective track depends on the yaw rate."""
-    rates = sorted(abs(rate_bin.rate) for rate_bin in track.bins) if track is not None else []
+def _rate_findings(track: TrackByRate | None) -> Iterator[str]:
+    """Finding on whether the effective track depends on the yaw rate, if observable."""
+    if track is None:
+        return
+    rates = sorted(abs(rate_bin.rate) for rate_bin in track.bins)
     # Yaw rates that are much alike would not show it.
-    if track is None or len(rates) < 2 or rates[-1] < 1.5 * rates[0]:
+    if len(rates) < 2 or rates[-1] < 1.5 * rates[0]:
         return
     text = f"tracks: from {rates[0]:.1f} to {rates[-1]:.1f} rad/s the effective track"
     ends = extremes(track.bins)
@@ -214,16 +219,16 @@ def missing_tracks(surveys: Collection[Survey]) -> str:
     """Finding that there are no track speeds, with candidates for a person."""
     joints: dict[str, None] = {}  # in the order of the messages
     for survey in surveys:
-        if survey.channel.msgtype == JOINT_STATE:
+        if survey.msgtype == JOINT_STATE:
             joints |= dict.fromkeys(name for state in survey.messages for name in state.name)
-    numbers = ", ".join(survey.channel.topic for survey in surveys if may_be_a_side(survey))
+    numbers = ", ".join(survey.topic for survey in surveys if may_be_a_side(survey))
     text = (
         "no track speeds: nothing here looks like them, and without them nothing can be replayed; name "
         "joints, fields or columns in [log.tracks] or [log.columns.tracks] of the robot file, and "
         "inspect again with --overwrite"
     )
     undefined = ", ".join(
-        f"{survey.channel.topic} ({survey.channel.msgtype})"
+        f"{survey.topic} ({survey.msgtype})"
         for survey in surveys
         if survey.recorded and not survey.messages and is_special(survey)
     )

@@ -55,7 +55,7 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
     """
     main: tuple[str, TimeUnit] | None = None
     tracks, fixes, truth = None, None, None
-    of_imu: dict[_Time, list[str]] = {}
+    imu_names: dict[_Time, list[str]] = {}
     for table in tables:
         table_time = time_column_of(table, time_column)
         if table_time is None:
@@ -67,10 +67,10 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         time = _Time(
             None if table_time == main_time else table_time, None if unit == main_unit else unit
         )
-        numbers = [column.name for column in table.columns if column.is_number]
-        names = [name for name in numbers if name != table_time]
         stem = table.path.stem
-        true_names = [k for k in names if naming.is_truth(stem) or naming.is_truth(k)]
+        names = [column.name for column in table.columns if column.is_number]
+        names = [name for name in names if name != table_time]
+        true_names = [name for name in names if naming.is_truth(stem) or naming.is_truth(name)]
         measured = [k for k in names if k not in true_names and not naming.is_command(k)]
         own_tracks = _tracks(measured, time, table)
         has_others = own_tracks or naming.imu_keys(measured) or naming.fix_keys(measured)
@@ -82,17 +82,18 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         # Bare axes have the name of the file before them, as in "Gyroscope.x". The last name of an axis
         # counts: those of the first table come last.
         full = [f"{stem}.{name}" if name in {*"xyz"} else name for name in measured]
-        of_imu[time] = [*_with_gravity(full, table), *of_imu.get(time, [])]
+        imu_names[time] = [*_with_gravity(full, table), *imu_names.get(time, [])]
         # On the globe: x and y could be odometry instead.
         if fixes is None and (keys := naming.fix_keys(measured)):
             fixes = PoseColumns(**keys, **time._asdict())
         truth = truth or _truth(true_names, time)
-    imus = (
-        ImuColumns(**keys, **time._asdict())
-        for time, names in of_imu.items()
-        if (keys := naming.imu_keys(names))
-    )
-    return None if main is None else ColumnMap(*main, tracks, next(imus, None), fixes, truth)
+    if main is None:
+        return None
+    imu = None
+    for time, names in imu_names.items():
+        if imu is None and (keys := naming.imu_keys(names)):
+            imu = ImuColumns(**keys, **time._asdict())
+    return ColumnMap(*main, tracks, imu, fixes, truth)
 
 
 def unused_columns(tables: Sequence[Table], columns: ColumnMap | None) -> Iterator[str]:
@@ -157,19 +158,10 @@ def _time_unit(table: Table, name: str) -> TimeUnit:
 
 
 def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | None:
-    """Guess the columns of the track speeds; names with a word of speed are preferred."""
+    """Guess the columns of the track speeds, or else of a speed and a yaw rate."""
     likely = [name for name in names if not naming.NO_SPEED.search(name.lower())]
-    speeds = [name for name in likely if naming.SPEED.search(name.lower())]
-    # Names with no other quantity than their side, as `left_m_s`.
-    bare_names = {name: re.sub("left|right", " ", name.lower()) for name in likely}
-    words_of = {name: re.split(r"[^a-z]+", bare) for name, bare in bare_names.items()}
-    bare = [name for name, words in words_of.items() if all(map(BARE.fullmatch, words))]
-    numbered = [name for name in likely if naming.is_of_wheel(name) or "dist" in name.lower()]
-    for names, are_named in ((speeds, True), (bare, True), (numbered, False)):
-        found = naming.wheel_sides({name: name for name in names}, context="wheel")
-        if found is not None and found.likelihood.are_named == are_named:
-            break
-    else:
+    found = _wheel_sides(likely)
+    if found is None:
         twist = naming.twist_names(likely)
         return twist and TrackColumns(speed=twist[0], yaw_rate=twist[1], **time._asdict())
     left, right = found.left, found.right
@@ -178,6 +170,24 @@ def _tracks(names: Sequence[str], time: _Time, table: Table) -> TrackColumns | N
         counts = table.numbers((*left, *right))
         keys["wrap"] = counter_range(counts)[0] if len(left) == 1 else None
     return TrackColumns(left=left, right=right, **time._asdict(), **keys)
+
+
+def _wheel_sides(names: Sequence[str]) -> naming.Sides | None:
+    """Columns of both sides; those with a word of speed are preferred."""
+    speeds = [name for name in names if naming.SPEED.search(name.lower())]
+    bare = [name for name in names if _states_a_side_alone(name)]
+    numbered = [name for name in names if naming.is_of_wheel(name) or "dist" in name.lower()]
+    for candidates, are_named in ((speeds, True), (bare, True), (numbered, False)):
+        found = naming.wheel_sides({name: name for name in candidates}, context="wheel")
+        if found is not None and found.likelihood.are_named == are_named:
+            return found
+    return None
+
+
+def _states_a_side_alone(name: str) -> bool:
+    """Test for a name with no other quantity than its side and unit, as `left_m_s`."""
+    words = re.split(r"[^a-z]+", re.sub("left|right", " ", name.lower()))
+    return all(map(BARE.fullmatch, words))
 
 
 def _truth(names: Sequence[str], time: _Time) -> PoseColumns | None:

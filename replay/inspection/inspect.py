@@ -25,7 +25,7 @@ from icreckon.replay.inspection.guess_topics import guess_topics, unused_topics
 from icreckon.replay.inspection.log_estimates import NO_SIZES, Sizes, log_estimates, with_keys
 from icreckon.replay.inspection.robot_file import robot_file_text
 from icreckon.replay.mapping.columns import ColumnMap
-from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap
+from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.reading.gather import as_paths, first_path
 from icreckon.replay.reading.tables import Table
 
@@ -80,35 +80,37 @@ def inspect(
     """
     paths, first = as_paths(path), first_path(path)
     surveys, notes, tables = _survey_files(paths, definitions)
-    mapping = guess_topics(surveys.values(), sizes.log.get("fixes", {}).get("topic"))
+    mapping = guess_topics(surveys, sizes.log.get("fixes", {}).get("topic"))
     if tables:
         time_column = str(sizes.log.get("columns", {}).get("time", ""))
         mapping = replace(mapping, columns=guess_columns(tables, time_column))
         timeless = [table.path.name for table in tables if not time_column_of(table, time_column)]
         if timeless:
             notes.append(f"no column looks like a time, not used: {', '.join(timeless)}")
-    mounts = static_frames.static_mounts(surveys.values())
+    mounts = static_frames.static_mounts(surveys)
     if mapping.fixes is not None and mapping.fixes.topic in mounts:
         place = tuple(mounts[mapping.fixes.topic].position.tolist())
         mapping = replace(mapping, fixes=replace(mapping.fixes, position=place))
     mapping = with_keys(mapping, sizes.log)
     imu_topic = mapping.imu.topic if mapping.imu else ""
-    found = static_frames.unplaced(surveys.values(), mounts, imu_topic)
     mount = mounts.get(imu_topic)
     estimates = log_estimates(paths, mapping, definitions, sizes, mount, notes)
     mapping, log = estimates.mapping, estimates.log
-    reports = _topic_reports(surveys.values(), mapping, log)
+    reports = _topic_reports(surveys, mapping, log)
     for table in tables:
         reports += _column_reports(table, mapping.columns)
-    found += [] if mapping.track_keys else [missing_tracks(surveys.values())]
-    found += [*unused_topics(surveys.values(), mapping), *unused_columns(tables, mapping.columns)]
+    topic_findings = static_frames.unplaced(surveys, mounts, imu_topic)
+    if not mapping.track_keys:
+        topic_findings.append(missing_tracks(surveys))
+    topic_findings += unused_topics(surveys, mapping)
+    topic_findings += unused_columns(tables, mapping.columns)
     return Inspection(
         path=first,
-        duration=_duration(surveys.values(), log if tables else None),
+        duration=_duration(surveys, log if tables else None),
         topics=tuple(reports),
         mapping=mapping,
         mounting=estimates.mounting,
-        findings=(*found, *findings(estimates)),
+        findings=(*topic_findings, *findings(estimates)),
         dropped=log.dropped if log is not None else {},
         notes=(*coarse_stamps(log.notes if log else ()), *notes),
         proposed_robot_file=robot_file_text(first, estimates),
@@ -141,29 +143,15 @@ def _topic_reports(
         rows = np.column_stack([log.imu.angular_velocity, *([] if forces is None else [forces])])
         if len(rows) > 1:
             repeated[mapping.imu.topic] = float((rows[1:] == rows[:-1]).all(axis=1).mean())
-    topics = {survey.channel.topic: survey for survey in surveys}
+    topics = {survey.topic: survey for survey in surveys}
     return [topics[topic].report(repeated.get(topic)) for topic in sorted(topics)]
-
-
-def guess_mapping(
-    path: Path | str | Sequence[Path | str], *, definitions: Definitions = ()
-) -> TopicMap | None:
-    """Guess the topics of bags; None for tables, and for bags with their own mapping.
-
-    Raises:
-        ReplayError: no such file, or nothing of it is readable.
-    """
-    surveys, _, tables = _survey_files(as_paths(path), definitions)
-    if tables or any(topic == MAPPING_TOPIC for topic, _ in surveys):
-        return None
-    return guess_topics(surveys.values())
 
 
 def _survey_files(
     paths: Sequence[Path], definitions: Definitions
-) -> tuple[dict[tuple[str, str], topic_survey.Survey], list[str], list[Table]]:
-    """Survey all files in one pass: topics by name and type, notes, tables."""
-    # A topic with messages in several bags has one survey.
+) -> tuple[list[topic_survey.Survey], list[str], list[Table]]:
+    """Survey all files in one pass: topics, notes, tables."""
+    # By name and type: a topic with messages in several bags has one survey.
     surveys: dict[tuple[str, str], topic_survey.Survey] = {}
     notes: list[str] = []
     tables = []
@@ -183,10 +171,10 @@ def _survey_files(
         bag_surveys, bag_notes = over_bag(path, survey_bag)
         notes += bag_notes
         for new in bag_surveys:
-            known = surveys.setdefault((new.channel.topic, new.channel.msgtype), new)
+            known = surveys.setdefault((new.topic, new.msgtype), new)
             if known is not new:
                 known.extend(new)
-    return surveys, notes, tables
+    return list(surveys.values()), notes, tables
 
 
 def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_survey.TopicReport]:

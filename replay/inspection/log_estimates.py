@@ -9,35 +9,28 @@ from typing import Any, NamedTuple
 import numpy as np
 from msgspec import to_builtins
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.config import convert
-from icreckon.estimator.log.failed_sensors import StuckSide, stuck_sides, turning_at
+from icreckon.estimator.log.failed_sensors import StuckSide, stuck_sides
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.path_heading import heading_fault
+from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import ApartError, EqualStampsError, ReplayError
-from icreckon.replay.estimates import imu_mounting, wheels
-from icreckon.replay.estimates.fix_wander import (
-    FixFit,
-    FixWanderEstimate,
-    estimate_wander,
-    fit_fixes,
-)
+from icreckon.replay.estimates import fix_wander, imu_mounting, latency
 from icreckon.replay.estimates.gyro_bias import GyroBias, gyro_bias
-from icreckon.replay.estimates.latency import (
-    heading_lag,
-    objection,
-    on_one_clock,
-    track_latency,
-    truth_lag,
-    without_lag,
-)
+from icreckon.replay.estimates.imu_mounting import YawRates
 from icreckon.replay.estimates.track_by_rate import TrackByRate, track_by_rate, track_windows
-from icreckon.replay.estimates.wheels import NO_WHEELS, WheelEstimates
+from icreckon.replay.estimates.wheels import (
+    NO_WHEELS,
+    WheelEstimates,
+    units_and_sides,
+    wheel_estimates,
+)
 from icreckon.replay.inspection.static_frames import Mount, with_static_yaw
 from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
@@ -70,15 +63,17 @@ class LogEstimates:
     log: Log | None  # log read with a sprocket radius of 1 m; None if it cannot be read
     sizes: Sizes  # lengths of the robot that a person filled in
     mounting: imu_mounting.Mounting | None = None  # estimated mounting of the IMU
-    vertical: Floats | None = None  # (n,) rate about the vertical at the IMU's stamps [rad/s]
+    yaw_rates: YawRates | None = None  # rates about the vertical
     wheels: WheelEstimates = NO_WHEELS  # estimated effective radius and track
     # latencies of tracks and truth against the gyro, by purpose
     latencies: Mapping[str, Lag | NoLag] = field(default_factory=dict)
     are_apart: bool = False  # True if tracks and gyro both turn, but not together
     bias: GyroBias | None = None  # bias of the gyro
-    wander: FixWanderEstimate | str | None = None  # error of the fixes, or why it is not known
+    wander: fix_wander.FixWanderEstimate | str | None = (
+        None  # error of the fixes, or why it is not known
+    )
     imu_mount: Mount | None = None  # static transform of the IMU
-    fix_fit: FixFit | None = None  # place of the antenna, lag and scale by the fixes
+    fix_fit: fix_wander.FixFit | None = None  # place of the antenna, lag and scale by the fixes
     stuck: Sequence[StuckSide] = ()  # sides that repeat one reading; not part of the wheels
     track: TrackByRate | None = None  # effective track of the whole log and over the yaw rate
 
@@ -89,6 +84,11 @@ class LogEstimates:
         return fixes is not None and fixes.position_sigma is None
 
     @property
+    def radius(self) -> float | None:
+        """Sprocket radius by a person, or else by the log [m]; for tracks in rates."""
+        return self.sizes.radius or (self.wheels.distance and self.wheels.distance.value)
+
+    @property
     def effective_track(self) -> float | None:
         """Effective track by the gyro [m]; None without radius or gauge of a controller."""
         # True length of the gauge or radius that was read as 1 m.
@@ -96,10 +96,10 @@ class LogEstimates:
         if self.mapping.from_twist:
             unit = self.sizes.controller_gauge
         elif self.mapping.in_rates:
-            unit = self.sizes.radius or self.wheels.distance_ratio
-        if self.wheels.track_ratio is None or unit is None:
+            unit = self.radius
+        if self.wheels.track is None or unit is None:
             return None
-        return self.wheels.track_ratio * unit
+        return self.wheels.track.value * unit
 
 
 def log_estimates(
@@ -119,7 +119,7 @@ def log_estimates(
     """
     reading = _Reading(paths, definitions, mapping)
     try:
-        reading.read(sizes.log, notes)
+        log = reading.read(sizes.log, notes)
     except EqualStampsError:
         raise
     except ReplayError as problem:
@@ -128,10 +128,9 @@ def log_estimates(
         has_tables = any(is_table(file) for file in paths if file.is_file())
         if mapping.columns is not None or not has_tables:
             notes.append(f"the proposed topics cannot be read: {problem}")
-    estimates = LogEstimates(
-        reading.mapping, reading.clocks, reading.log, sizes, imu_mount=imu_mount
-    )
-    return estimates if reading.log is None else _measured(estimates, reading.log)
+        return LogEstimates(reading.mapping, reading.clocks, None, sizes, imu_mount=imu_mount)
+    estimates = LogEstimates(reading.mapping, reading.clocks, log, sizes, imu_mount=imu_mount)
+    return _measured(estimates, log)
 
 
 @dataclass
@@ -141,10 +140,9 @@ class _Reading:
     paths: Sequence[Path]
     definitions: Definitions
     mapping: TopicMap
-    clocks: dict[str, Choice] = field(default_factory=dict)
-    log: Log | None = None
+    clocks: Mapping[str, Choice] = field(default_factory=dict)
 
-    def read(self, filled_in: Mapping[str, Mapping[str, Any]], notes: list[str]) -> None:
+    def read(self, filled_in: Mapping[str, Mapping[str, Any]], notes: list[str]) -> Log:
         """Choose clocks and units, and read the log by them; notes get unusual units.
 
         Raises:
@@ -153,22 +151,23 @@ class _Reading:
         gathered = self._gathered(self.mapping)
         self.clocks = choose_clocks(evidence_of(gathered.streams))
         try:
-            self.log = self._assembled(gathered)
+            log = self._assembled(gathered)
         except ApartError:
-            self.mapping = on_one_clock(self.mapping, self._log_of)
-            self.log = self._log_of(self.mapping)
+            self.mapping = latency.on_one_clock(self.mapping, self._log_of)
+            log = self._log_of(self.mapping)
         read_tracks = partial(self._log_of, self.mapping, "tracks")
-        keys = wheels.units_and_sides(self.mapping, self.log, filled_in, notes, read_tracks)
-        in_units = with_keys(self.mapping, keys) if keys else self.mapping
+        keys = units_and_sides(self.mapping, log, filled_in, notes, read_tracks)
+        in_units = with_keys(self.mapping, keys)
         # Several tables may have several clocks, and one whose tracks or IMU have times of their own.
         columns = self.mapping.columns
         if columns and (
             len(self.paths) > 1 or any(k and k.time for k in (columns.tracks, columns.imu))
         ):
-            in_units = on_one_clock(in_units, self._log_of)
-        if in_units is not self.mapping:
-            self.mapping = in_units
-            self.log = self._log_of(in_units)
+            in_units = latency.on_one_clock(in_units, self._log_of)
+        if in_units is self.mapping:
+            return log
+        self.mapping = in_units
+        return self._log_of(in_units)
 
     def _log_of(self, mapping: TopicMap, purpose: str = "", fastest: float = FASTEST) -> Log:
         """Log of a mapping, or one of its streams alone; by a highest track speed [m/s]."""
@@ -187,58 +186,61 @@ class _Reading:
 
 
 def _measured(estimates: LogEstimates, log: Log) -> LogEstimates:
-    """Add what the log shows of the robot and its sensors."""
-    mounting, vertical = _mounting_and_vertical(log, estimates.imu_mount)
-    latencies = _latencies(log, vertical)
+    """Add estimates of the robot and its sensors by a log that could be read."""
+    mounting, yaw_rates = _mounting_and_yaw_rates(log, estimates.imu_mount)
+    latencies = _latencies(log, yaw_rates)
     aligned = _without_latencies(log, latencies)
     if aligned is not log:
-        mounting, vertical = _mounting_and_vertical(aligned, estimates.imu_mount)
-    # Counts have no scale yet, by which wheels could be estimated.
-    is_apart = bool(
-        log.imu and vertical is not None and imu_mounting.turn_apart(log.tracks, log.imu, vertical)
-    )
-    wheel_rate = None if estimates.mapping.lacks_counts_per_turn or is_apart else vertical
-    correlation = mounting.turning_correlation if mounting else None
+        mounting, yaw_rates = _mounting_and_yaw_rates(aligned, estimates.imu_mount)
+    is_apart = yaw_rates is not None and imu_mounting.turn_apart(log.tracks, yaw_rates)
     wander = fit = None
     if log.fixes is not None and not is_apart:
-        fit = fit_fixes(aligned, vertical)
-        in_time = log.fixes
+        fit = fix_wander.fit_fixes(aligned, yaw_rates)
         if fit is not None and fit.is_late:
-            in_time = replace(in_time, stamps=in_time.stamps - round(fit.lag / NANOSECOND))
-        aligned = replace(aligned, fixes=in_time)
-        wander = estimate_wander(aligned, vertical, states_sigma=estimates.states_fix_sigma)
-    found = wheels.wheel_estimates(aligned, wheel_rate, correlation)
-    stuck = _stuck_sides(aligned, vertical, found.track_ratio)
-    sound = aligned
-    if stuck and wheel_rate is not None:
-        sound = longest_without(aligned, stuck)
-        _, wheel_rate = _mounting_and_vertical(sound, estimates.imu_mount)
-        found = wheels.wheel_estimates(sound, wheel_rate, correlation)
+            stamps = log.fixes.stamps - round(fit.lag / NANOSECOND)
+            aligned = replace(aligned, fixes=replace(log.fixes, stamps=stamps))
+        wander = fix_wander.estimate_wander(
+            aligned, yaw_rates, states_sigma=estimates.states_fix_sigma
+        )
+    # Counts have no scale yet, by which wheels could be estimated.
+    shows_wheels = not (estimates.mapping.lacks_counts_per_turn or is_apart)
+    correlation = mounting.turning_correlation if mounting else None
+    stuck = _stuck_sides(aligned, yaw_rates if shows_wheels else None, correlation)
+    sound = longest_without(aligned, stuck)
+    wheels = NO_WHEELS
+    if shows_wheels and yaw_rates is not None:
+        wheels = wheel_estimates(sound, yaw_rates, correlation)
     measured = replace(
         estimates,
         mounting=mounting,
-        vertical=vertical,
-        wheels=found,
+        yaw_rates=yaw_rates,
+        wheels=wheels,
         stuck=stuck,
         latencies=latencies,
         are_apart=is_apart,
-        bias=None if vertical is None or is_apart else gyro_bias(aligned, vertical),
+        bias=None if yaw_rates is None or is_apart else gyro_bias(aligned, yaw_rates),
         wander=wander,
         fix_fit=fit,
     )
-    return replace(measured, track=_track_by_rate(measured, sound, wheel_rate))
+    return replace(measured, track=_track_by_rate(measured, sound.tracks))
 
 
-def _stuck_sides(log: Log, vertical: Floats | None, track: float | None) -> list[StuckSide]:
+def _stuck_sides(
+    log: Log, yaw_rates: YawRates | None, correlation: float | None
+) -> list[StuckSide]:
     """Sides that repeat one reading, by the gyro if the effective track is known."""
     turning = None
-    if log.imu is not None and vertical is not None and track is not None:
-        turning = turning_at(log.tracks, log.imu, vertical, track)
+    if yaw_rates is not None:
+        track = wheel_estimates(log, yaw_rates, correlation).track
+        if track is not None:
+            turning = np.interp(log.tracks.stamps, *yaw_rates) * track.value
     return stuck_sides(log.tracks, turning)
 
 
 def longest_without(log: Log, stuck: Sequence[StuckSide]) -> Log:
     """Longest part of a log in which no side is stuck; the log if there is none."""
+    if not stuck:
+        return log
     is_sound = np.ones(len(log.tracks.stamps), dtype=bool)
     for rows in (rows for side in stuck for rows in side.spans):
         is_sound[rows] = False
@@ -246,39 +248,39 @@ def longest_without(log: Log, stuck: Sequence[StuckSide]) -> Log:
     return log.between(*max(runs.tolist(), key=lambda run: run[1] - run[0])) if len(runs) else log
 
 
-def _mounting_and_vertical(
+def _mounting_and_yaw_rates(
     log: Log, mount: Mount | None
-) -> tuple[imu_mounting.Mounting | None, Floats | None]:
-    """Mounting of the IMU and rate about the vertical (n,) [rad/s]; None if unknown."""
+) -> tuple[imu_mounting.Mounting | None, YawRates | None]:
+    """Mounting of the IMU and rates about the vertical; None if unknown."""
     mounting = imu_mounting.estimate_mounting(log)
-    if mounting is not None and mount is not None:
+    if log.imu is None or mounting is None:
+        return None, None
+    if mount is not None:
         mounting = with_static_yaw(mounting, mount, log) or mounting
-    vertical = imu_mounting.vertical_rate(log.imu, mounting) if log.imu and mounting else None
-    return mounting, vertical
+    return mounting, imu_mounting.vertical_rate(log.imu, mounting)
 
 
-def _track_by_rate(
-    estimates: LogEstimates, aligned: Log, vertical: Floats | None
-) -> TrackByRate | None:
+def _track_by_rate(estimates: LogEstimates, tracks: TrackSpeedSeries) -> TrackByRate | None:
     """Effective track by the gyro, of the whole log and over the yaw rate."""
-    ratio, bias = estimates.wheels.track_ratio, estimates.bias
-    if ratio is None or vertical is None:
+    track, bias, yaw_rates = estimates.wheels.track, estimates.bias, estimates.yaw_rates
+    if track is None or yaw_rates is None:
         return None
     whole, unit = estimates.effective_track, "m"
     if whole is None:
-        whole, unit = ratio, "times the controller's gauge"
+        whole, unit = track.value, "times the controller's gauge"
         if estimates.mapping.in_rates:
             unit = "times the effective radius"
-    is_clear = bias is not None and (bias.source == "standstill" or bias.differs(0.0))
-    clear_bias = bias.value if bias is not None and is_clear else 0.0
-    windows = track_windows(aligned, vertical, clear_bias)
+    clear_bias = bias.value if bias is not None and bias.is_clear else 0.0
+    windows = track_windows(tracks, yaw_rates, clear_bias)
     # The log's tracks are read with a radius or gauge of 1 m: V_r - V_l gets the unit of `whole`.
-    return TrackByRate(whole, unit, tuple(track_by_rate(windows * (1.0, whole / ratio))))
+    return TrackByRate(whole, unit, tuple(track_by_rate(windows * (1.0, whole / track.value))))
 
 
 def with_keys(guess: TopicMap, filled_in: Mapping[str, Mapping[str, Any]]) -> TopicMap:
-    """Merge keys of [log] tables, by table, into a guessed mapping, except `UNUSED`."""
-    # A guessed stream is dropped if they use its topic for another stream.
+    """Merge keys of [log] tables, by table, into a guessed mapping, except `UNUSED`.
+
+    A guessed stream is dropped if they use its topic for another stream.
+    """
     if not filled_in:
         return guess
     topics = {keys["topic"] for keys in filled_in.values() if "topic" in keys}
@@ -296,30 +298,30 @@ def with_keys(guess: TopicMap, filled_in: Mapping[str, Mapping[str, Any]]) -> To
     return convert(merged, TopicMap, "[log]", ReplayError)
 
 
-def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:
-    """Latencies of tracks and truth against the gyro, by purpose; {} without a gyro."""
-    if log.imu is None or vertical is None:
+def _latencies(log: Log, yaw_rates: YawRates | None) -> dict[str, Lag | NoLag]:
+    """Latencies of tracks, headings and truth against the gyro; {} without a gyro."""
+    if log.imu is None or yaw_rates is None:
         return {}
-    found: dict[str, Lag | NoLag] = {}
+    latencies: dict[str, Lag | NoLag] = {}
     if len(log.tracks.speeds) and np.abs(log.tracks.speeds).max() <= imu_mounting.ABSURD:
-        found["tracks"] = track_latency(log.tracks, log.imu, vertical)
+        latencies["tracks"] = latency.track_latency(log.tracks, yaw_rates)
     headings = [other for other in log.others if isinstance(other, HeadingFix)]
     if headings:
-        found["heading"] = heading_lag(headings, log.imu, vertical)
+        latencies["heading"] = latency.heading_lag(headings, yaw_rates)
     truth = log.truth
     if truth is not None:
         if truth.headings and heading_fault(truth) is not None:
             truth = truth.positions_alone()  # the headings do not fit the path
-        found["truth"] = truth_lag(truth, log.tracks, log.imu, vertical)
-    return found
+        latencies["truth"] = latency.truth_lag(truth, log.tracks, log.imu, yaw_rates)
+    return latencies
 
 
 def _without_latencies(log: Log, latencies: Mapping[str, Lag | NoLag]) -> Log:
     """Log with stamps of track speeds and truth corrected where the latency is clear."""
-    tracks, truth = (latencies.get(purpose) for purpose in ("tracks", "truth"))
-    if isinstance(tracks, Lag) and not objection(tracks):
-        log = replace(log, tracks=without_lag(log.tracks, tracks))
-    if isinstance(truth, Lag) and not objection(truth) and log.truth is not None:
-        poses = without_lag(log.truth.poses, truth)
+    tracks, truth = latencies.get("tracks"), latencies.get("truth")
+    if isinstance(tracks, Lag) and not latency.objection(tracks):
+        log = replace(log, tracks=latency.without_lag(log.tracks, tracks))
+    if isinstance(truth, Lag) and not latency.objection(truth) and log.truth is not None:
+        poses = latency.without_lag(log.truth.poses, truth)
         log = replace(log, truth=replace(log.truth, poses=poses))
     return log

@@ -31,31 +31,32 @@ def static_mounts(surveys: Collection[Survey]) -> dict[str, Mount]:
     """Static poses of IMUs and receivers by topic, as far as the transforms show them."""
     transforms = TransformStream("frames", "tf", source="", time="recording")
     for survey in surveys:
-        topic = survey.channel.topic
-        if survey.channel.msgtype in (TF, TF_ROS1) and topic.endswith(STATIC):
+        topic = survey.topic
+        if survey.msgtype in (TF, TF_ROS1) and topic.endswith(STATIC):
             for message in survey.messages:
                 transforms.add_transforms(topic, 0, message)
     links = transforms.static_links
     frames = {frame for link in links for frame in link}
     base = next((frame for name in BASES for frame in sorted(frames) if frame.endswith(name)), None)
-    mounts = dict[str, Mount]()
-    if len(links) >= len(frames):
-        return mounts  # a loop: they are no tree
+    # Of a tree: with a loop there are as many links as frames.
+    if base is None or len(links) >= len(frames):
+        return {}
+    mounts = {}
     for survey in surveys:
-        if base is None or survey.channel.msgtype not in (IMU, NAVSATFIX):
-            continue
-        if survey.frame_id.strip("/") in BASES:  # its driver has turned it, its place is unknown
+        # In a frame of the robot the driver has turned the readings, and the place is unknown.
+        is_turned = survey.frame_id.strip("/") in BASES
+        if survey.msgtype not in (IMU, NAVSATFIX) or is_turned:
             continue
         transforms.frames = base, survey.frame_id
         if (pose := transforms.static_pose()) is not None:
             source = f"{survey.frame_id} in {base} by /{STATIC}"
-            mounts[survey.channel.topic] = Mount(*pose, source)
+            mounts[survey.topic] = Mount(*pose, source)
     return mounts
 
 
 def unplaced(surveys: Collection[Survey], mounts: Mapping[str, Mount], imu: str) -> list[str]:
     """Finding on an IMU, by its topic, whose frame the static transforms lack."""
-    frames = {survey.channel.topic: survey.frame_id.strip("/") for survey in surveys}
+    frames = {survey.topic: survey.frame_id.strip("/") for survey in surveys}
     has_static, frame = any(topic.endswith(STATIC) for topic in frames), frames.get(imu, "")
     if not has_static or imu in mounts or frame in ("", *BASES):
         return []
@@ -63,20 +64,25 @@ def unplaced(surveys: Collection[Survey], mounts: Mapping[str, Mount], imu: str)
 
 
 def with_static_yaw(mounting: Mounting, mount: Mount, log: Log) -> Mounting | None:
-    """Mounting with what the log does not show of it; None if the log contradicts it."""
+    """Mounting with the static transform's yaw, or all of its angles if unknown.
+
+    None if the log contradicts the transform.
+    """
     imu = log.imu
     if not mounting.up_shown_by or imu is None:
         angles = matrix_to_rpy(mount.rotation)
         return replace(mounting, rotation_rpy_deg=_degrees(angles), yaw_shown_by=STATIC)
     roll, pitch, _ = np.radians(mounting.rotation_rpy_deg)
     turn = mount.rotation @ rpy_to_matrix(roll, pitch, 0.0).T
+    if turn[2, 2] < np.cos(MOST_TILT):
+        return None
     yaw = float(np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1]))
-    found = replace(mounting, rotation_rpy_deg=_degrees((roll, pitch, yaw)), yaw_shown_by=STATIC)
-    off = None
+    with_yaw = replace(mounting, rotation_rpy_deg=_degrees((roll, pitch, yaw)), yaw_shown_by=STATIC)
     if mounting.up_shown_by == "gravity" and imu.linear_acceleration is not None:
         horizontal = imu.linear_acceleration @ rpy_to_matrix(roll, pitch, yaw)[:2].T
-        off = forward_yaw(log.tracks, imu.stamps, horizontal, vertical_rate(imu, found))
-    return None if off or turn[2, 2] < np.cos(MOST_TILT) else found
+        if forward_yaw(log.tracks, vertical_rate(imu, with_yaw), horizontal):
+            return None
+    return with_yaw
 
 
 def contradiction(mounting: Mounting, mount: Mount) -> str:

@@ -76,9 +76,19 @@ class Survey:
     sampled: int = 0  # bytes of the messages that were decoded
 
     @property
+    def topic(self) -> str:
+        """Name of the topic."""
+        return self.channel.topic
+
+    @property
+    def msgtype(self) -> str:
+        """Type of its messages."""
+        return self.channel.msgtype
+
+    @property
     def most(self) -> int:
         """Most messages of the topic's type that are decoded."""
-        return SAMPLES if self.channel.msgtype in SHAPE_CHECKS else 1
+        return SAMPLES if self.msgtype in SHAPE_CHECKS else 1
 
     def extend(self, other: Self) -> None:
         """Append the survey of the topic in another file."""
@@ -91,8 +101,8 @@ class Survey:
     def report(self, repeated_share: float | None) -> TopicReport:
         """Compute the statistics of the topic, with the share of repeated samples."""
         return TopicReport(
-            topic=self.channel.topic,
-            msgtype=self.channel.msgtype,
+            topic=self.topic,
+            msgtype=self.msgtype,
             frame_id=self.frame_id,
             count=len(self.recorded),
             clock_offset=float(np.median(self.offsets) * NANOSECOND) if self.offsets else None,

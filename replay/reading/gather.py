@@ -351,12 +351,7 @@ def _left_out(result: Gathered) -> Iterator[str]:
         topic, _, msgtype = name.removesuffix(")").partition(" (")
         if msgtype in uses and result.found[name]:
             use, purpose = uses[msgtype]
-            yield left_out(use, topic, purpose)
-
-
-def left_out(use: str, topic: str, stream: str) -> str:
-    """Hint at a topic that a robot file leaves out."""
-    return (
-        f"{OF_LEFT_OUT}{use} on {topic}, which the file leaves out: "
-        f'topic = "{topic}" in [log.{stream}], see icreckon inspect'
-    )
+            yield (
+                f"{OF_LEFT_OUT}{use} on {topic}, which the file leaves out: "
+                f'topic = "{topic}" in [log.{purpose}], see icreckon inspect'
+            )

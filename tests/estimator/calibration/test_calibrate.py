@@ -26,6 +26,7 @@ from icreckon.estimator.calibration.common_values import KEPT
 from icreckon.estimator.log.lever_arm import at_lever_arm
 from icreckon.estimator.log.series import PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import changed_robot
+from icreckon.replay.estimates.imu_mounting import YawRates
 from icreckon.replay.estimates.latency import track_latency
 from icreckon.simulation.simulate import run_scenario
 
@@ -134,7 +135,7 @@ def test_latency_means_the_same_as_for_inspect(case, found):
     before, after = (one.parameter("track_latency").value for one in (found, calibrated))
     assert after - before == pytest.approx(0.1, abs=0.03)
     vertical = log.imu.angular_velocity @ case.robot.imu_rotation[2]
-    shown = track_latency(coarse, log.imu, vertical)
+    shown = track_latency(coarse, YawRates(log.imu.stamps, vertical))
     # The yaw rate follows the tracks with the lag of the forces, too, which is latency to inspect.
     assert after == pytest.approx(shown.seconds, abs=0.035)
 

@@ -15,6 +15,7 @@ from icreckon.estimator.log.measurements import Measurement, TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.track_latency import TrackLatencyEstimator
+from icreckon.replay.estimates.imu_mounting import YawRates
 from icreckon.replay.estimates.latency import track_latency
 
 VARIANT = "constant-online"
@@ -31,8 +32,8 @@ def log(robot: Robot) -> Log:
 @pytest.fixture(scope="module")
 def own(log: Log, robot: Robot) -> float:
     """Latency of the simulated speeds, as `inspect` finds it in the whole log [s]."""
-    vertical = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
-    found = track_latency(log.tracks, log.imu, vertical)
+    rates = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
+    found = track_latency(log.tracks, YawRates(log.imu.stamps, rates))
     assert found.seconds == pytest.approx(0.0, abs=0.01)
     return found.seconds
 

@@ -97,10 +97,3 @@ def test_a_log_without_turns_names_the_manoeuvre_that_is_missing(tmp_path: Path)
     assert "in the next log: turn on the spot once to each side (eta0 ± " in done.stdout
     unseen = re.search(r"does not show (\d) of \d+ values", done.stdout)
     assert int(unseen[1]) == len(re.findall("not seen:|unclear", done.stdout))
-
-
-def test_a_stream_that_the_file_leaves_out(folder: Path):
-    text = (folder / "right.toml").read_text(encoding="utf-8").split("[log.truth]")[0]
-    (folder / "bare.toml").write_text(text, encoding="utf-8")
-    done = succeeds("check", "drive", "--robot", "bare.toml", cwd=folder)
-    assert 'topic = "/ground_truth/pose" in [log.truth]' in done.stdout

@@ -14,6 +14,7 @@ from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.replay.estimates.fix_wander import FixWanderEstimate, estimate_wander, fit_fixes
+from icreckon.replay.estimates.imu_mounting import YawRates
 
 ALPHA = load_robot("auriga-alpha")
 GPS = FixSpec(sigma=0.3, wander_sigma=1.2, wander_time=60.0)
@@ -25,8 +26,12 @@ def driven(fixes: FixSpec, seed: int = 1, seconds: float = 600.0) -> Log:
     return simulate(scenario, ALPHA)
 
 
+def yaw_rates(log: Log) -> YawRates:
+    return YawRates(log.imu.stamps, SensorModels(ALPHA).yaw_rates(log.imu.angular_velocity))
+
+
 def found_in(log: Log) -> FixWanderEstimate | str:
-    return estimate_wander(log, SensorModels(ALPHA).yaw_rates(log.imu.angular_velocity))
+    return estimate_wander(log, yaw_rates(log))
 
 
 def test_wander_is_found() -> None:
@@ -63,11 +68,10 @@ def test_white_noise_and_the_errors_of_odometry_are_no_wander(sigma: float) -> N
 
 def test_what_fixes_do_not_state_is_neither_evidence_nor_kept(tmp_path: Path) -> None:
     log = driven(FixSpec(sigma=0.01, wander_sigma=0.3, wander_time=20.0))
-    vertical = SensorModels(ALPHA).yaw_rates(log.imu.angular_velocity)
     coarse = np.full_like(log.fixes.variances, 0.09)
     stating = replace(log, fixes=replace(log.fixes, variances=coarse))
-    assert not estimate_wander(stating, vertical).reason
-    assert estimate_wander(stating, vertical, states_sigma=False).reason
+    assert not found_in(stating).reason
+    assert estimate_wander(stating, yaw_rates(log), states_sigma=False).reason
     # Poses without covariances, of which all noise is white.
     log = driven(FixSpec(sigma=0.2))
     slam = PoseSeries(log.fixes.stamps, np.nan_to_num(log.fixes.poses))
@@ -109,11 +113,10 @@ def test_fixes_that_come_late_are_found_with_their_antenna_and_the_scale() -> No
                  fixes=FixSpec(sigma=0.02), encoders=EncoderSpec(scale_sigma=0.0)),
         ALPHA,
     )  # fmt: skip
-    vertical = SensorModels(ALPHA).yaw_rates(log.imu.angular_velocity)
-    in_time = fit_fixes(log, vertical)
+    in_time = fit_fixes(log, yaw_rates(log))
     assert not in_time.is_late
     late = replace(log, fixes=replace(log.fixes, stamps=log.fixes.stamps + 300_000_000))
-    found = fit_fixes(late, vertical)
+    found = fit_fixes(late, yaw_rates(log))
     assert found.is_late
     assert found.lag == pytest.approx(0.3, abs=0.03)
     assert found.place == pytest.approx(in_time.place, abs=0.03)

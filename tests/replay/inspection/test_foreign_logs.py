@@ -5,10 +5,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from test_robot_messages import (
+    LEFT,
+    RADIUS,
+    RIGHT,
+    SECONDS,
+    SPEED,
+    START,
+    STEP,
+    TRACK,
+    TURN,
+    YAW,
+    X,
+    Y,
+)
 
-from bag_messages import T, header, imu, joints, odometry, pose_stamped, robot_with, write_bag
+from bag_messages import T, imu, joints, odometry, pose_stamped, robot_with, write_bag
 from icreckon import ReplayError, check_robot, inspect, load_robot, read_log, write_log
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.replay.checking.check import SCALE
@@ -17,15 +29,6 @@ from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.tables import are_parts
 
-START, STEP = 1_700_000_000_000_000_000, 50_000_000
-SECONDS = np.arange(0.0, 60.0, 0.05)
-TURN = 0.6 * np.sin(0.4 * SECONDS)
-SPEED = np.where(SECONDS > 5.0, 0.5 + 0.2 * np.sin(1.3 * SECONDS), 0.0)
-TURN[SECONDS <= 5.0] = 0.0
-RADIUS, TRACK = 0.2, 0.9
-LEFT, RIGHT = ((SPEED + side * 0.5 * TRACK * TURN) / RADIUS for side in (-1.0, 1.0))
-YAW = np.cumsum(TURN) * 0.05
-X, Y = (np.cumsum(SPEED * one(YAW)) * 0.05 for one in (np.cos, np.sin))
 NAMES = ("mast", "m3", "m1", "m4", "m2")
 
 
@@ -293,7 +296,9 @@ def test_tables_of_ardupilot_and_px4(tmp_path: Path) -> None:
 def test_counters_of_16_bits(tmp_path: Path, names: str) -> None:
     robot = tmp_path / "own.toml"
     log = table(tmp_path / "own.csv", f"t [ms];{names};{REST}", ticks=True)
-    text = inspect(log).proposed_robot_file
+    found = inspect(log)
+    text = found.proposed_robot_file
+    assert not found.dropped  # without their counts of a turn, no speed is too fast
     assert tomllib.loads(text)["log"]["columns"]["tracks"]["wrap"] == 65536.0
     marked = with_filled_in(text, robot)[0]
     robot.write_text(marked.replace("per_turn = nan", "per_turn = 8192.0"), encoding="utf-8")
@@ -362,110 +367,6 @@ def test_a_number_for_each_side_on_two_topics(tmp_path: Path) -> None:
     again = proposed_with(log, robot)
     assert again["log"]["tracks"]["counts_per_turn"] == 2000
     assert again["log"]["tracks"]["right_topic"] == "/enc_right"
-
-
-@pytest.mark.parametrize("defined", ["float32 speed", "float32 rate_rpm"])
-def test_numbers_of_both_sides_in_one_message(tmp_path: Path, defined: str) -> None:
-    """Speeds are proposed by the names of their fields, currents and demanded speeds are not."""
-    kinds = {"rover/msg/Side": f"float32 current\nfloat32 target_speed\n{defined}\n"}
-    kinds["rover/msg/Drive"] = "std_msgs/Header header\nrover/Side left\nrover/Side right\n"
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    for name, text in kinds.items():
-        store.register(get_types_from_msg(text, name))
-    side, drive = (store.types[name] for name in kinds)
-    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as bag:
-        at = bag.add_connection("/motors", "rover/msg/Drive", typestore=store)
-        for k in range(1, 4):
-            message = drive(header(k * 10**9), side(9.0, 8.0, 0.5), side(9.0, 8.0, 0.75))
-            bag.write(at, k * 10**9, store.serialize_cdr(message, "rover/msg/Drive"))
-    proposed = tomllib.loads(inspect(tmp_path / "bag").proposed_robot_file)
-    tracks, field = proposed["log"]["tracks"], defined.split()[1]
-    assert (tracks["left"], tracks["right"]) == ([f"left.{field}"], [f"right.{field}"])
-    assert tracks["unit"] == ("rpm" if "rpm" in field else "m/s")
-
-
-@pytest.mark.parametrize(
-    ("kind", "defined", "topics", "keys"),
-    [
-        (
-            "vesc_msgs/msg/State",
-            "float64 current_motor\nfloat64 speed\nfloat64 displacement",
-            ("/vesc_left/core", "/vesc_right/core"),
-            ("speed", "rad/s"),
-        ),
-        (
-            "roboteq_msgs/msg/Feedback",
-            "float32 motor_current\nfloat32 reference_velocity\nfloat32 measured_velocity",
-            ("/left/feedback", "/right/feedback"),
-            ("measured_velocity", "rad/s"),
-        ),
-        (
-            "odrive_can/msg/ControllerStatus",
-            "float32 pos_estimate\nfloat32 vel_estimate\nfloat32 torque_target",
-            ("/odrive_axis1/controller_status", "/odrive_axis0/controller_status"),
-            ("vel_estimate", "turns/s"),
-        ),
-    ],
-    ids=["vesc", "roboteq", "odrive"],
-)
-def test_a_motor_driver_for_each_side(tmp_path: Path, kind, defined, topics, keys) -> None:
-    """Of drivers without sides in their names the gyro shows which is left."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    store.register(get_types_from_msg(f"std_msgs/Header header\n{defined}", kind))
-    field, unit = keys
-    fields = [line.split()[1] for line in defined.splitlines()]
-    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        at = [writer.add_connection(topic, kind, typestore=store) for topic in topics]
-        of_imu = writer.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
-        for k in range(len(SECONDS)):
-            stamp = START + k * STEP
-            for side, values in zip(at, (LEFT, RIGHT), strict=True):
-                numbers = dict.fromkeys(fields, 9.0) | {field: float(values[k])}
-                message = store.types[kind](header(stamp), **numbers)
-                writer.write(side, stamp, store.serialize_cdr(message, kind))
-            sample = imu(stamp, (0.0, 0.0, TURN[k]))
-            writer.write(of_imu, stamp, store.serialize_cdr(sample, "sensor_msgs/msg/Imu"))
-    found = inspect(tmp_path / "bag")
-    tracks = tomllib.loads(found.proposed_robot_file)["log"]["tracks"]
-    assert (tracks["topic"], tracks["right_topic"]) == topics
-    assert (tracks["left"], tracks["right"], tracks["unit"]) == ([field], [field], unit)
-    is_said = any("taken for the left side" in note for note in found.notes)
-    assert is_said == ("axis" in topics[0])
-
-
-def test_px4_over_ros_2(tmp_path: Path) -> None:
-    """Vectors of messages without a header, element 0 the right wheel; places in 1e-7 deg and mm."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    kinds = {
-        "px4_msgs/msg/SensorCombined": "float32[3] gyro_rad\nfloat32[3] accelerometer_m_s2",
-        "px4_msgs/msg/WheelEncoders": "float32[2] wheel_speed\nfloat32[2] wheel_angle",
-        "px4_msgs/msg/SensorGps": "int32 lat\nint32 lon\nint32 alt\nfloat32 eph",
-    }
-    for kind, defined in kinds.items():
-        store.register(get_types_from_msg(f"uint64 timestamp\n{defined}", kind))
-    places = np.column_stack([48.0 + Y / 111_200.0, 11.0 + X / 74_630.0]) * 1e7
-    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        topics = [
-            writer.add_connection(f"/fmu/{kind[-8:]}", kind, typestore=store) for kind in kinds
-        ]
-        for k in range(len(SECONDS)):
-            vectors = [[(0.0, 0.0, -TURN[k]), (0.0, -SPEED[k] * TURN[k], -9.80665)]]
-            vectors.append([(RIGHT[k], LEFT[k]), (9.0, 9.0)])
-            fields = [[np.array(row, np.float32) for row in rows] for rows in vectors]
-            fields.append([*places[k].round().astype(int).tolist(), 520_000, 0.05])
-            for topic, kind, values in zip(topics, kinds, fields, strict=True):
-                data = store.serialize_cdr(store.types[kind](k, *values), kind)
-                writer.write(topic, START + k * STEP, data)
-    found = inspect(tmp_path / "bag")
-    text = found.proposed_robot_file.replace("radius = nan", f"radius = {RADIUS}")
-    (robot := tmp_path / "robot.toml").write_text(text.replace("= nan", "= 1.0"), "utf-8")
-    log = read_log(tmp_path / "bag", load_robot(robot))
-    speeds = np.column_stack([LEFT, RIGHT]) * RADIUS
-    np.testing.assert_allclose(log.tracks.speeds, speeds, atol=1e-6)
-    np.testing.assert_allclose(log.imu.angular_velocity[:, 2], -TURN, atol=1e-6)
-    np.testing.assert_allclose(log.imu.linear_acceleration[:, 2], -9.80665, atol=1e-6)
-    at = np.column_stack([X, Y]) - [X[0], Y[0]]
-    np.testing.assert_allclose(log.fixes.poses[:, :2], at, atol=0.05)
 
 
 def test_ticks_of_both_wheels_in_an_array(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from icreckon import EstimatorError, Inspection, Log, Robot, Vehicle, inspect, l
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.replay.estimates.imu_mounting import estimate_mounting
-from icreckon.replay.mapping.naming import PLACEHOLDER_SIGMA, sides
+from icreckon.replay.mapping.naming import PLACEHOLDER_SIGMA
 from icreckon.replay.mapping.topics import TopicMap, topic_map
 
 
@@ -73,15 +73,6 @@ def test_the_mounting_is_found(rpy_deg: tuple[float, float, float]) -> None:
     assert mounting.accelerometer_noise_density == pytest.approx(0.1 * np.sqrt(0.02), rel=0.2)
 
 
-def test_a_lone_z_gyro_and_swapped_tracks() -> None:
-    log = driven_log((180.0, 10.0, 0.0), z_only=True)
-    mounting = estimate_mounting(log)
-    assert mounting.gyro_axes == "z"
-    assert mounting.turning_correlation > 0.9
-    swapped = replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds[:, ::-1]))
-    assert estimate_mounting(swapped).turning_correlation < -0.9
-
-
 def without_accelerometers(log: Log) -> Log:
     return replace(log, imu=replace(log.imu, linear_acceleration=None))
 
@@ -134,17 +125,6 @@ def test_a_table_with_a_gyro_alone(tmp_path: Path) -> None:
     assert robot.vehicle.track_gauge == pytest.approx(0.6, rel=0.02)
     # The bias of the z axis, seen from below.
     assert robot.imu.gyro_bias == pytest.approx(-0.003, abs=3e-4)
-
-
-def test_joint_names() -> None:
-    assert sides(["left_wheel", "right_wheel"]) == (("left_wheel",), ("right_wheel",))
-    assert sides(["fl_joint", "rr_joint", "rl_joint", "fr_joint"]) == (
-        ("fl_joint", "rl_joint"),
-        ("rr_joint", "fr_joint"),
-    )
-    assert sides(["left_arm", "left_track", "right_track"]) == (("left_track",), ("right_track",))
-    assert sides(["LeftWheel", "RightWheel"]) == (("LeftWheel",), ("RightWheel",))
-    assert sides(["elbow", "wrist"]) == ((), ())
 
 
 def test_a_made_bag(tmp_path: Path, robot: Robot) -> None:

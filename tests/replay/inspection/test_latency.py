@@ -9,7 +9,8 @@ from msgspec import structs
 
 from conftest import inspected, sample_log
 from icreckon import ReplayError, Robot, load_robot
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.replay.estimates.imu_mounting import YawRates
 from icreckon.replay.estimates.latency import objection, track_latency
 from icreckon.replay.mapping.topics import topic_map
 
@@ -33,7 +34,7 @@ def turning(*, late: float):
     speeds = np.column_stack([0.5 - 0.4 * shown, 0.5 + 0.4 * shown])
     stamps = (imu * 1e9).astype(np.int64)
     tracks = TrackSpeedSeries((times * 1e9).astype(np.int64), speeds)
-    return tracks, ImuSeries(stamps, np.zeros((len(imu), 3)), None), vertical
+    return tracks, YawRates(stamps, vertical)
 
 
 @pytest.mark.parametrize("late", [-0.2, 0.0, 0.07, 0.21, 0.6])

@@ -100,9 +100,10 @@ STATUS = "std_msgs/Header header\n{}Motor[] motors\n"
         ),
         # A speed without a unit: m/s would make a track of 4.5 m (Jackal).
         ("float32 measured_speed", "measured_speed", FOUR[:2], {}, [0], [1], "rad/s", 0.2),
+        ("float32 measured_speed", "measured_speed", FOUR[:2] * RPM, {}, [0], [1], "rpm", 0.2),
         ("float32 measured_speed", "measured_speed", FOUR[:2] * RADIUS, {}, [0], [1], "m/s", 0.1),
     ],
-    ids=["mirrored", "names", "rates", "speeds"],
+    ids=["mirrored", "names", "rates", "turns", "speeds"],
 )
 def test_motors_in_a_list(
     tmp_path: Path, motor, field, values, others, left, right, unit, radius
@@ -110,12 +111,113 @@ def test_motors_in_a_list(
     types = {"a_msgs/msg/Motor": motor, "a_msgs/msg/Status": STATUS.format("a_msgs/")}
     make = of_motors("a_msgs/msg/Status", field, values, **others)
     robot = written(tmp_path / "bag", types, {"/status": make})
-    minus = "-" if unit == "rpm" else ""
+    minus = "-" if values is MIRRORED else ""
     tracks = robot["log"]["tracks"]
     assert tracks["left"] == [f"motors[{place}].{field}" for place in left]
     assert tracks["right"] == [f"{minus}motors[{place}].{field}" for place in right]
     assert tracks.get("unit", "rad/s") == unit
     assert robot["vehicle"]["sprocket_radius"] == pytest.approx(radius, rel=0.01)
+
+
+@pytest.mark.parametrize("defined", ["float32 speed", "float32 rate_rpm"])
+def test_numbers_of_both_sides_in_one_message(tmp_path: Path, defined: str) -> None:
+    """Speeds are proposed by the names of their fields, currents and demanded speeds are not."""
+    types = {
+        "a_msgs/msg/Side": f"float32 current\nfloat32 target_speed\n{defined}",
+        "a_msgs/msg/Drive": "std_msgs/Header header\na_msgs/Side left\na_msgs/Side right",
+    }
+
+    def make(types: Any, k: int) -> Any:
+        sides = (types["a_msgs/msg/Side"](9.0, 8.0, 60.0 * one[k]) for one in (LEFT, RIGHT))
+        return types["a_msgs/msg/Drive"](header(START + k * STEP), *sides)
+
+    tracks = written(tmp_path / "bag", types, {"/motors": make})["log"]["tracks"]
+    field = defined.split()[1]
+    assert (tracks["left"], tracks["right"]) == ([f"left.{field}"], [f"right.{field}"])
+    assert tracks["unit"] == ("rpm" if "rpm" in field else "m/s")
+
+
+@pytest.mark.parametrize(
+    ("fields", "topics", "field", "unit"),
+    [
+        (
+            ("current_motor", "speed", "displacement"),
+            ("/vesc_left/core", "/vesc_right/core"),
+            "speed",
+            "rad/s",
+        ),
+        (
+            ("motor_current", "reference_velocity", "measured_velocity"),
+            ("/left/feedback", "/right/feedback"),
+            "measured_velocity",
+            "rad/s",
+        ),
+        (
+            ("pos_estimate", "vel_estimate", "torque_target"),
+            ("/odrive_axis1/controller_status", "/odrive_axis0/controller_status"),
+            "vel_estimate",
+            "turns/s",
+        ),
+    ],
+    ids=["vesc", "roboteq", "odrive"],
+)
+def test_a_motor_driver_for_each_side(tmp_path: Path, fields, topics, field, unit) -> None:
+    """Of drivers without sides in their names the gyro shows which is left."""
+    kind, numbers = "a_msgs/msg/State", "".join(f"\nfloat64 {name}" for name in fields)
+
+    def of_side(values):
+        def make(types: Any, k: int) -> Any:
+            known = dict.fromkeys(fields, 9.0) | {field: values[k]}
+            return types[kind](header(START + k * STEP), **known)
+
+        return make
+
+    makers = dict(zip(topics, map(of_side, (LEFT, RIGHT)), strict=True))
+    robot = written(tmp_path / "bag", {kind: f"std_msgs/Header header{numbers}"}, makers)
+    tracks = robot["log"]["tracks"]
+    assert (tracks["topic"], tracks["right_topic"]) == topics
+    assert (tracks["left"], tracks["right"], tracks["unit"]) == ([field], [field], unit)
+    is_said = "taken for the left side" in str(inspect(tmp_path / "bag").notes)
+    assert is_said == ("axis" in topics[0])
+
+
+def test_px4_over_ros_2(tmp_path: Path) -> None:
+    """Vectors of messages without a header, element 0 the right wheel; places in 1e-7 deg and mm."""
+    types = {
+        "px4_msgs/msg/SensorCombined": "float32[3] gyro_rad\nfloat32[3] accelerometer_m_s2",
+        "px4_msgs/msg/WheelEncoders": "float32[2] wheel_speed\nfloat32[2] wheel_angle",
+        "px4_msgs/msg/SensorGps": "int32 lat\nint32 lon\nint32 alt\nfloat32 eph",
+    }
+    types = {kind: f"uint64 timestamp\n{defined}" for kind, defined in types.items()}
+    places = np.column_stack([48.0 + Y / 111_200.0, 11.0 + X / 74_630.0]) * 1e7
+
+    def vectors(k: int, *rows) -> list[Any]:
+        return [k, *(np.array(row, np.float32) for row in rows)]
+
+    def imu_sample(types: Any, k: int) -> Any:
+        forces = 0.0, -SPEED[k] * TURN[k], -9.80665
+        return types["px4_msgs/msg/SensorCombined"](*vectors(k, (0.0, 0.0, -TURN[k]), forces))
+
+    def encoders(types: Any, k: int) -> Any:
+        return types["px4_msgs/msg/WheelEncoders"](*vectors(k, (RIGHT[k], LEFT[k]), (9.0, 9.0)))
+
+    def fix(types: Any, k: int) -> Any:
+        place = places[k].round().astype(int).tolist()
+        return types["px4_msgs/msg/SensorGps"](k, *place, 520_000, 0.05)
+
+    topics = {"/fmu/combined": imu_sample, "/fmu/encoders": encoders, "/fmu/gps": fix}
+    written(tmp_path / "bag", types, {"/imu": lambda *_: None, **topics})
+    text = inspect(tmp_path / "bag").proposed_robot_file
+    (robot := tmp_path / "robot.toml").write_text(text.replace("= nan", "= 1.0"), "utf-8")
+    log = read_log(tmp_path / "bag", load_robot(robot))
+    radius = load_robot(robot).vehicle.sprocket_radius
+    assert radius == pytest.approx(RADIUS, rel=0.01)
+    speeds = np.column_stack([LEFT, RIGHT]) * radius
+    np.testing.assert_allclose(log.tracks.speeds, speeds, atol=1e-6)
+    np.testing.assert_allclose(log.imu.angular_velocity[:, 2], -TURN, atol=1e-6)
+    np.testing.assert_allclose(log.imu.linear_acceleration[:, 2], -9.80665, atol=1e-6)
+    at = np.column_stack([X, Y]) - [X[0], Y[0]]
+    np.testing.assert_allclose(log.fixes.poses[:, :2], at, atol=0.05)
 
 
 def arrays(**values) -> Callable[[Any, int], Any]:
@@ -269,6 +371,7 @@ def test_odometry_in_a_table(tmp_path: Path) -> None:
         (("axis0.encoder.vel_estimate", "axis1.encoder.vel_estimate"), (LEFT, RIGHT), "turns/s"),
         (("odom_vx", "odom_wz"), (SPEED, TURN), None),
         (("wheel_speed", "wheel_yaw_rate"), (SPEED, TURN), None),
+        (("VL [rpm]", "VR [rpm]"), (LEFT * RPM, RIGHT * RPM), "rpm"),
     ],
 )
 def test_names_of_columns(tmp_path: Path, names, values, unit) -> None:

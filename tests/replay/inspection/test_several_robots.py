@@ -14,6 +14,7 @@ import bag_messages as made
 from icreckon import Scenario, check_robot, inspect, load_robot, simulate, write_log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.replay.bags.decoding import read_definitions
+from icreckon.replay.estimates.imu_mounting import YawRates
 from icreckon.replay.estimates.wheels import wheel_estimates
 from icreckon.replay.mapping.naming import is_truth, sides
 
@@ -66,6 +67,8 @@ def test_an_odometry_of_a_camera_is_none_of_the_wheels(tmp_path: Path) -> None:
         (["r1/wheel_l", "r1/wheel_r"], ("r1/wheel_l",)),
         (["L/left_arm", "L/left_track", "L/right_track"], ("L/left_track",)),
         (["fl", "fr", "rl", "rr"], ("fl", "rl")),
+        (["fl_joint", "rr_joint", "rl_joint", "fr_joint"], ("fl_joint", "rl_joint")),
+        (["LeftWheel", "RightWheel"], ("LeftWheel",)),
         (["wheel_l1", "wheel_l2", "wheel_r1", "wheel_r2"], ("wheel_l1", "wheel_l2")),
         (["motor"], ()),
         ([], ()),
@@ -129,11 +132,11 @@ def test_noise_of_encoders_makes_the_effective_track_no_wider() -> None:
     log = driven_log((0.0, 0.0, 0.0))
     noise = np.random.default_rng(1).normal(0.0, 0.1, log.tracks.speeds.shape)
     noisy = replace(log, tracks=replace(log.tracks, speeds=log.tracks.speeds + noise))
-    rate = log.imu.angular_velocity[:, 2]
+    rates = YawRates(log.imu.stamps, log.imu.angular_velocity[:, 2])
     for one in (log, noisy):
-        found = wheel_estimates(one, rate, 0.9)
-        assert found.track_ratio == pytest.approx(0.6, abs=max(0.01, 3.0 * found.track_sigma))
-        assert found.track_sigma < 0.02
+        track = wheel_estimates(one, rates, 0.9).track
+        assert track.value == pytest.approx(0.6, abs=max(0.01, 3.0 * track.sigma))
+        assert track.sigma < 0.02
 
 
 def test_a_message_definition_is_found_by_the_name_of_its_type(tmp_path: Path) -> None:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from command_line import fails, icreckon, succeeds
-from icreckon import ImuSeries, Log, TrackSpeedSeries
+from icreckon import TrackSpeedSeries
 from icreckon.replay.estimates import track_by_rate as by_rate
+from icreckon.replay.estimates.imu_mounting import YawRates
 from icreckon.replay.estimates.track_by_rate import extremes, track_by_rate, track_windows
 
 STEP = 0.02
@@ -16,8 +17,8 @@ RATES = (0.15, 0.4, 0.8, -0.15, -0.4, -0.8)
 SECONDS = 10.0
 
 
-def turning(track, *, hole: bool = False) -> tuple[Log, np.ndarray]:
-    """Log of steady turns, with an effective track [m] by the yaw rate, and its yaw rate."""
+def turning(track, *, hole: bool = False) -> tuple[TrackSpeedSeries, YawRates]:
+    """Steady turns, with an effective track [m] by the yaw rate."""
     rates = np.repeat(RATES, round(SECONDS / STEP))
     stamps = (np.arange(len(rates)) * STEP * 1e9).astype(np.int64)
     noise = np.random.default_rng(1).normal(0.0, 0.01, len(rates))
@@ -26,8 +27,7 @@ def turning(track, *, hole: bool = False) -> tuple[Log, np.ndarray]:
     if hole:
         kept[: round(0.9 * SECONDS / STEP)] = np.arange(round(0.9 * SECONDS / STEP)) % 50 == 0
     tracks = TrackSpeedSeries(stamps[kept], np.column_stack([0.5 - half, 0.5 + half])[kept])
-    angular = np.column_stack([np.zeros((len(rates), 2)), rates])
-    return Log("turning", tracks, ImuSeries(stamps, angular, None)), rates
+    return tracks, YawRates(stamps, rates)
 
 
 def test_a_track_that_is_the_same_at_all_rates_is_found_so() -> None:
@@ -49,18 +49,19 @@ def test_one_that_depends_on_the_rate_is_reported_with_both_ends() -> None:
 
 
 def test_a_bias_of_the_gyro_is_taken_off() -> None:
-    log, rates = turning(lambda _: 1.5)
-    found = track_by_rate(track_windows(log, rates + 0.05, 0.05))
+    tracks, (stamps, rates) = turning(lambda _: 1.5)
+    found = track_by_rate(track_windows(tracks, YawRates(stamps, rates + 0.05), 0.05))
     assert all(one.track == pytest.approx(1.5, abs=0.03) for one in found)
 
 
 def test_holes_and_changes_of_the_rate_do_not_count() -> None:
-    log, rates = turning(lambda _: 1.5, hole=True)
-    bins = {round(one.rate, 2): one for one in track_by_rate(track_windows(log, rates))}
+    tracks, (stamps, rates) = turning(lambda _: 1.5, hole=True)
+    windows = track_windows(tracks, YawRates(stamps, rates))
+    bins = {round(one.rate, 2): one for one in track_by_rate(windows)}
     assert 0.15 not in bins
     assert bins[0.4].track == pytest.approx(1.5, abs=0.02)
     wild = np.sin(np.arange(len(rates)) * STEP * 4.0)
-    assert track_by_rate(track_windows(log, wild)) == []
+    assert track_by_rate(track_windows(tracks, YawRates(stamps, wild))) == []
 
 
 def test_inspect_draws_it_and_says_so_where_nothing_shows_it(tmp_path: Path) -> None:

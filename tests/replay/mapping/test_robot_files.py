@@ -8,7 +8,7 @@ import pytest
 
 from conftest import REPOSITORY, sample
 from icreckon.estimator.robot.robot_file import load_robot, robot_names
-from icreckon.replay.estimates.imu_mounting import forward_yaw, turning_correlation
+from icreckon.replay.estimates.imu_mounting import YawRates, forward_yaw, turning_correlation
 from icreckon.replay.mapping.columns import ColumnMap, ImuColumns, PoseColumns, TrackColumns
 from icreckon.replay.mapping.topics import (
     FixTopic,
@@ -67,13 +67,14 @@ def test_a_sample_log_is_read_and_agrees_with_the_mounting(data_dir: Path, name:
     else:
         assert rates[:, :2].any()
         vertical = rates @ rotation[2]
-    correlation = turning_correlation(log.tracks, log.imu, vertical)
+    yaw_rates = YawRates(log.imu.stamps, vertical)
+    correlation = turning_correlation(log.tracks, yaw_rates)
     if least_correlation is None:
         assert correlation is None
         return
     assert correlation > least_correlation
     # The x axis that the file gives points forward: what is left to turn is nothing.
-    assert forward_yaw(log.tracks, log.imu.stamps, force[:, :2], vertical) == 0.0
+    assert forward_yaw(log.tracks, yaw_rates, force[:, :2]) == 0.0
 
 
 def test_the_docs_show_every_key_of_the_topics_and_columns() -> None:
