@@ -290,37 +290,23 @@ def _reckoned(estimate: Trajectory) -> PoseSeries:
 
 
 def nees(errors: Floats, covariances: Floats) -> Floats:
-    """Normalised estimation error squared (...) of three errors by their covariance.
+    """Normalised estimation error squared (...) of three errors; NaN if singular.
 
     Chi-square with three degrees of freedom if the filter is consistent (Bar-Shalom, Li, Kirubarajan,
     Estimation with Applications, section 5.4).
 
     Args:
         errors: (..., 3).
-        covariances: (..., 3, 3).
+        covariances: (..., 3, 3); one with an eigenvalue below `LEAST_EIGENVALUE` is singular.
     """
-    (pivot_x, pivot_y, pivot_z), (l_yx, l_zx, l_zy) = _factors(covariances)
-    x = errors[..., 0]
-    y = errors[..., 1] - l_yx * x
-    z = errors[..., 2] - l_zx * x - l_zy * y
-    return np.asarray(x * x / pivot_x + y * y / pivot_y + z * z / pivot_z)
-
-
-def regular(covariances: Floats) -> Flags:
-    """Mask (...) of matrices (..., 3, 3) with eigenvalues above `LEAST_EIGENVALUE`."""
+    shifted = covariances - LEAST_EIGENVALUE * np.eye(3)
     with np.errstate(all="ignore"):
-        pivots, _ = _factors(covariances, LEAST_EIGENVALUE)
-    return np.asarray((pivots[0] > 0.0) & (pivots[1] > 0.0) & (pivots[2] > 0.0))
-
-
-def _factors(covariances: Floats, shift: float = 0.0) -> tuple[tuple[Floats, ...], ...]:
-    """Factors of P - shift I = L D L^T: entries of D, and of L below its diagonal."""
-    xx, yy, zz = (covariances[..., axis, axis] - shift for axis in range(3))
-    xy, xz, yz = covariances[..., 0, 1], covariances[..., 0, 2], covariances[..., 1, 2]
-    l_yx, l_zx = xy / xx, xz / xx
-    pivot_y, rest_yz = yy - l_yx * xy, yz - l_yx * xz
-    l_zy = rest_yz / pivot_y
-    return (xx, pivot_y, zz - l_zx * xz - l_zy * rest_yz), (l_yx, l_zx, l_zy)
+        # Sylvester: a matrix is positive definite if its leading minors are positive.
+        minors = shifted[..., 0, 0], np.linalg.det(shifted[..., :2, :2]), np.linalg.det(shifted)
+    is_regular = np.all([minor > 0.0 for minor in minors], axis=0)
+    solvable = np.where(is_regular[..., None, None], covariances, np.eye(3))
+    values = (errors * np.linalg.solve(solvable, errors[..., None])[..., 0]).sum(axis=-1)
+    return np.where(is_regular, values, np.nan)
 
 
 def pose_nees(
@@ -343,12 +329,12 @@ def pose_nees(
     errors = interpolate_poses(estimate.pose_series, stamps) - interpolate_poses(truth, stamps)
     errors[:, 2] = wrap_angle(errors[:, 2])
     covariances = estimate.pose_covariances[np.searchsorted(estimate.stamps, stamps)]
-    is_regular = regular(covariances)
     if position_only:
         # With an independent error of zero the yaw adds nothing.
         errors[:, 2], covariances[:, 2], covariances[:, :, 2] = 0.0, 0.0, 0.0
         covariances[:, 2, 2] = 1.0
-    return nees(errors[is_regular], covariances[is_regular])
+    values = nees(errors, covariances)
+    return values[np.isfinite(values)]
 
 
 def without_fixes(fix_stamps: Stamps, start: int, end: int, shortest: float) -> list[Interval]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.log.scores import nees, regular
+from icreckon.estimator.log.scores import nees
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.motion.icr import IndexValues
 from icreckon.estimator.robot.robot_file import Robot
@@ -136,11 +136,10 @@ def columns_of(comparison: Comparison, robot: Robot, variant: str) -> dict[str, 
     errors = run.trajectory.poses - poses
     errors[:, 2] = wrap_angle(errors[:, 2])
     x_error, y_error, yaw_error = errors.T
-    covariances = run.trajectory.pose_covariances
     # The covariance lacks the errors of fixes, so there is no NEES against a truth of fixes.
-    has_nees = regular(covariances) & (truth.source != OF_FIXES)
     normalised = np.full(len(errors), np.nan)
-    normalised[has_nees] = nees(errors[has_nees], covariances[has_nees])
+    if truth.source != OF_FIXES:
+        normalised = nees(errors, run.trajectory.pose_covariances)
     columns |= zip(("true_x_m", "true_y_m", "true_yaw_rad"), poses.T, strict=True)
     columns |= {"position_error_m": np.hypot(x_error, y_error), "yaw_error_rad": yaw_error}
     return columns | {"nees_pose": normalised}

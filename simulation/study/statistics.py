@@ -20,7 +20,6 @@ from icreckon.estimator.log.scores import (
     mean_ratio,
     nees,
     path_length,
-    regular,
     segment_errors,
     segment_starts,
     shared_stamps,
@@ -187,7 +186,8 @@ def _drift(estimate: Trajectory, truth: TrueTicks, segments: Segments) -> tuple[
 
 def _nees(errors: Floats, covariances: Floats) -> tuple[Floats, Floats]:
     """Mean and last NEES (...) of errors (n, ..., 3) with regular covariance, or NaN."""
-    is_regular, values = regular(covariances), nees(errors, covariances)
+    values = nees(errors, covariances)
+    is_regular = np.isfinite(values)
     # The last regular row is the first one in reverse order.
     last = len(is_regular) - 1 - np.argmax(is_regular[::-1], axis=0)
     end = np.take_along_axis(values, last[None], axis=0)[0]
