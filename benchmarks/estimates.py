@@ -49,7 +49,7 @@ from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run, work_through
 from icreckon.estimator.streaming.smoother import smooth
 from icreckon.replay.reading.read_log import read_log
-from icreckon.simulation.running.engines import ENGINES
+from icreckon.simulation.running.engines import BATCH
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 from icreckon.simulation.study.cells import expand
@@ -191,7 +191,7 @@ def of_study(name: str) -> Figures:
     """Two runs of the first and of the last cell of a study, side by side."""
     plan, found = expand(load_study(name)), {}
     for cell in (plan.cells[0], plan.cells[-1]):
-        scores = ENGINES["batch"].block(cell, cell.filters, 0, 2)
+        scores = BATCH.block(cell, cell.filters, 0, 2)
         for label, values in zip(plan.labels, scores.values, strict=True):
             found[f"{cell.index} | {label}"] = np.nan_to_num(values).ravel().tolist()
     return found

@@ -89,7 +89,6 @@ REFERENCES = {
         f'"{name}"' for name in scenario.TRUTHS
     ),
     "dropout, one of `DROPOUT_READINGS`: ": "dropout: ",
-    "see `icreckon.simulation.running.engines`": "see [Where it runs](#where-it-runs)",
     "keys of `icreckon.estimator.robot.settings.Settings`": "keys of [Settings](#settings)",
     "see `icreckon.estimator.sensors.imu_noise`": (
         "see [Noise of the IMU](../explanation/model.md#noise-of-the-imu)"

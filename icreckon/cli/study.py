@@ -50,9 +50,6 @@ def command(
     workers: Annotated[
         int | None, Option(min=1, help="Threads or processes here (default: one for each core).")
     ] = None,
-    engine: Annotated[
-        str | None, Option(help="Engine of the runs: auto, or one of docs/reference/study-file.md.")
-    ] = None,
     as_json: Json = False,
     wide: Wide = False,
     overwrite: Annotated[
@@ -91,7 +88,6 @@ def command(
             study_results = run_study(
                 loaded,
                 folder,
-                engine=engine,
                 workers=workers,
                 overwrite=overwrite,
                 report=reporter.show,

@@ -10,7 +10,7 @@ import numpy as np
 from icreckon.estimator.filter.fault_table import OWN_FAULTS
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact.of_robot import robot_remarks
-from icreckon.simulation.running.engines import ENGINES, choose_engine
+from icreckon.simulation.running.engines import BATCH, choose_engine
 from icreckon.simulation.running.manifest import as_json, manifest
 from icreckon.simulation.running.runner import Report, run_jobs
 from icreckon.simulation.running.store import (
@@ -35,7 +35,6 @@ def run_study(
     study: Study,
     folder: str | Path,
     *,
-    engine: str | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
     overwrite: bool = False,
@@ -54,10 +53,9 @@ def run_study(
     plan = expand(study)
     for cell in plan.cells:
         check_terrain(cell.scenario.terrain, 2.0 * cell.robot.vehicle.half_contact_length)
-    chosen = choose_engine(plan, engine)
+    chosen = choose_engine(plan)
     if remark is not None:
-        fastest, *_ = ENGINES.values()
-        reason = None if chosen is fastest else fastest.why_not(plan)
+        reason = None if chosen is BATCH else BATCH.why_not(plan)
         if reason is not None:
             remark(f"runs are computed one after the other, which is slow: {reason}")
         # Cells differ in what is swept: remarks on the first one stand for all.

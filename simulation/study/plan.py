@@ -146,7 +146,6 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
             default.
         horizons: lengths of the segments over which drift is scored [s]; the page has the longest, and
             30 s by default.
-        engine: engine of the runs, see `icreckon.simulation.running.engines`.
         filters_know_noise: whether the filters have the noise of the simulated IMU and encoders, or that
             of the robot file, whatever is swept.
 
@@ -166,7 +165,6 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     seed: int = 1
     baseline: str | None = None
     horizons: tuple[Horizon, ...] = HORIZONS
-    engine: str = "auto"
     filters_know_noise: bool = False
 
     def __post_init__(self) -> None:

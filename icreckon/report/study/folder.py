@@ -21,7 +21,6 @@ def run_study(
     study: Study,
     folder: str | Path,
     *,
-    engine: str | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
     overwrite: bool = False,
@@ -33,7 +32,6 @@ def run_study(
     Args:
         study: the study, from `load_study` or made in code.
         folder: folder of blocks and results; if it has blocks of the same study, the study continues.
-        engine: "auto", "batch" or "streaming"; None for the study's setting.
         workers: number of threads or processes; None for one per core.
         executor: executor to run on instead.
         overwrite: True if another study in the folder may be deleted.
@@ -51,7 +49,6 @@ def run_study(
     results = computed.run_study(
         study,
         folder,
-        engine=engine,
         workers=workers,
         executor=executor,
         overwrite=overwrite,

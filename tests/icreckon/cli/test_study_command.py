@@ -19,7 +19,6 @@ from icreckon.simulation.running import engines
 
 TINY = """
 description = "Very small."
-engine = "streaming"
 variants = ["constant-online", "differential"]
 runs = 8
 truths = 4
@@ -46,17 +45,16 @@ def contents(cwd: Path) -> dict[str, bytes]:
 def _stub() -> Iterator[None]:
     """An engine that takes no time, in this process."""
     with pytest.MonkeyPatch.context() as patch:
-        engine = engines.Engine("streaming", "study_stub", 4, threads=True)
-        patch.setitem(engines.ENGINES, "streaming", engine)
+        engine = engines.Engine("stub", "study_stub", 4, threads=True)
+        patch.setattr(engines, "ENGINES", [engine])
         yield
 
 
 def slowly(seconds: float, *, threads: bool) -> dict[str, Any]:
     """How a command is started whose blocks take so long."""
-    engine = f"engines.Engine('streaming', 'study_stub', 4, threads={threads})"
+    engine = f"engines.Engine('stub', 'study_stub', 4, threads={threads})"
     script = (
-        "from icreckon.simulation.running import engines\n"
-        f"engines.ENGINES['streaming'] = {engine}\n{MAIN}"
+        f"from icreckon.simulation.running import engines\nengines.ENGINES[:] = [{engine}]\n{MAIN}"
     )
     found_at = os.pathsep.join([str(REPOSITORY / "tests"), os.environ.get("PYTHONPATH", "")])
     environment = os.environ | {"PYTHONPATH": found_at, study_stub.PACE: str(seconds)}
@@ -135,13 +133,12 @@ def test_a_signal_waits_for_nothing_and_says_how_to_go_on(here, threads, number,
     [
         ({"study": None}, "which study.* or a name: driving-style, imu-grades"),
         ({"study": "nowhere.toml"}, "nowhere.toml: no such file"),
-        ({"engine": "bach"}, "no engine 'bach'"),
         ({"out": Path()}, "holds no study of icreckon"),
     ],
 )
 def test_what_cannot_be_done_is_said(here, monkeypatch, words, told):
     monkeypatch.chdir(here)
-    asked: dict[str, Any] = dict.fromkeys(("out", "runs", "workers", "engine"))
+    asked: dict[str, Any] = dict.fromkeys(("out", "runs", "workers"))
     asked |= dict.fromkeys(("as_json", "wide", "overwrite", "list_studies"), False)
     with pytest.raises(SimulationError, match=told):
         command(**asked | {"study": "tiny.toml"} | words)

@@ -10,11 +10,12 @@ import pytest
 
 import study_stub
 from icreckon import SimulationError, run_study
+from icreckon.simulation.running import engines
 from icreckon.simulation.running.store import jobs_of
 from icreckon.simulation.study.cells import expand
 from study_stub import STUDY, contents, install
 
-REAL = msgspec.structs.replace(STUDY, runs=4, truths=2, engine="streaming")
+REAL = msgspec.structs.replace(STUDY, runs=4, truths=2)
 
 
 @pytest.fixture(autouse=True)
@@ -90,7 +91,8 @@ def test_any_number_of_threads_comes_to_the_same(tmp_path, undisturbed, workers)
 
 
 @pytest.mark.thorough
-def test_the_filter_comes_to_the_same_in_one_or_two_threads_and_in_processes(tmp_path):
+def test_the_filter_comes_to_the_same_in_one_or_two_threads_and_in_processes(tmp_path, monkeypatch):
+    monkeypatch.setattr(engines, "ENGINES", [engines.STREAMING])
     for workers in (1, 2):
         with ThreadPoolExecutor(workers) as threads:
             run_study(REAL, tmp_path / f"{workers}", executor=threads, workers=workers)
@@ -231,10 +233,10 @@ def test_after_a_worker_has_died_the_same_command_goes_on(tmp_path, undisturbed,
     deadly = tmp_path / "deadly"
     deadly.touch()
     monkeypatch.setenv(study_stub.DEADLY, str(deadly))
-    processes = msgspec.structs.replace(STUDY, engine="stub-processes")
+    install(monkeypatch, threads=False)
     with pytest.raises(SimulationError, match="a worker died"):
-        run_study(processes, tmp_path / "a", workers=2)
+        run_study(STUDY, tmp_path / "a", workers=2)
     assert not deadly.exists()
-    run_study(processes, tmp_path / "a", workers=2)
+    run_study(STUDY, tmp_path / "a", workers=2)
     name = "results.parquet"
     assert contents(tmp_path / "a")[name] == undisturbed[name]

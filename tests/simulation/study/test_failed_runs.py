@@ -19,6 +19,7 @@ from icreckon.cli.study import command
 from icreckon.estimator.batch.runs import Worked
 from icreckon.report.study.text import failures, headline, summary_tables
 from icreckon.simulation.running import batch_engine as study_batch
+from icreckon.simulation.running import engines
 from icreckon.simulation.study.cells import Cell, Filter
 from icreckon.simulation.study.failures import RunScores
 from icreckon.simulation.study.statistics import statistics
@@ -68,7 +69,8 @@ def test_a_lost_filter_is_a_failed_run(tmp_path, monkeypatch):
         return worked
 
     monkeypatch.setattr(study_batch, "work_through_runs", losing)
-    study = msgspec.structs.replace(STUDY, engine="batch", sweep=None)
+    monkeypatch.setattr(engines, "ENGINES", [engines.BATCH])
+    study = msgspec.structs.replace(STUDY, sweep=None)
     results = run_study(study, tmp_path / "a", workers=1)
     assert (results["failed"]["runs"], results["failed"]["of"]) == (1, 8)
     (failed,) = results["failed"]["cells"]
@@ -171,7 +173,7 @@ def test_the_command_writes_everything_and_exits_with_1_if_a_run_failed(
     if fails:
         spoil(monkeypatch, 0, "constant-online", nis_gyro_mean=-1.0)
     monkeypatch.setattr("icreckon.cli.study.load_study", lambda _: STUDY)
-    options: dict[str, Any] = dict.fromkeys(("runs", "engine"))
+    options: dict[str, Any] = dict.fromkeys(("runs",))
     options |= dict.fromkeys(("list_studies", "wide", "overwrite"), False)
     options |= {"study": "tiny", "out": tmp_path / "a", "workers": 1, "as_json": True}
     with pytest.raises(typer.Exit) if fails else nullcontext() as left:

@@ -19,7 +19,7 @@ from icreckon.report.study import figures as study_drawings
 from icreckon.report.study.figures import study_figures
 from icreckon.report.study.folder import study_page
 from icreckon.report.study.text import headline, notes, same_results, summary_tables
-from icreckon.simulation.running.engines import ENGINES
+from icreckon.simulation.running.engines import STREAMING
 from icreckon.simulation.running.manifest import as_json, manifest
 from icreckon.simulation.running.streaming_engine import study_log
 from icreckon.simulation.study.cells import expand
@@ -53,7 +53,7 @@ def runs():
 
 
 def results_of(runs):
-    return study_results(runs, manifest(runs.plan, ENGINES["streaming"]), cell_summaries(runs))
+    return study_results(runs, manifest(runs.plan, STREAMING), cell_summaries(runs))
 
 
 def names_of(study):
