@@ -57,7 +57,7 @@ class Problem:
         """Forces (n, m, 2) that the ground balances, see `Recording.ground_forces`."""
         return self.recording.ground_forces()
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         return tuple(parameter.name for parameter in self.parameters)
