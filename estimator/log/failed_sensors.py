@@ -94,7 +94,7 @@ def unequal_sides(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats) -> Un
         return None
     # Effective track where one side may read less: the difference that goes with the turning alone.
     by_speed_and_rate = np.column_stack([tracks.speeds.mean(axis=1), rate])
-    (_, width), *_ = np.linalg.lstsq(by_speed_and_rate, tracks.difference)
+    (_, width), *_ = np.linalg.lstsq(by_speed_and_rate, tracks.difference, rcond=None)
     width = abs(width)
     is_straight = np.abs(rate) * width < STRAIGHT_SHARE * speed
     is_straight &= speed > SPEED_SHARE * speed.max()

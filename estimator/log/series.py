@@ -18,8 +18,18 @@ AnySeries = TypeVar(
 )
 
 
-@dataclass(frozen=True)
-class TrackSpeedSeries:
+class OneLine:
+    """Series that are shown on one line."""
+
+    stamps: Stamps
+
+    def __repr__(self) -> str:
+        """Type and number of samples."""
+        return f"<{type(self).__name__} of {len(self.stamps)} samples>"
+
+
+@dataclass(frozen=True, repr=False)
+class TrackSpeedSeries(OneLine):
     """Track speeds.
 
     `stamps` (n,) [ns]; `speeds` (n, 2) left, right [m/s], forward positive; `left_wheels` (n, k) and
@@ -47,8 +57,8 @@ class TrackSpeedSeries:
         return np.asarray(right - left)
 
 
-@dataclass(frozen=True)
-class ImuSeries:
+@dataclass(frozen=True, repr=False)
+class ImuSeries(OneLine):
     """IMU samples in the IMU's own axes.
 
     `stamps` (n,) [ns]; `angular_velocity` (n, 3) [rad/s]; `linear_acceleration` (n, 3) [m/s²],
@@ -64,8 +74,8 @@ class ImuSeries:
         _check_values(self, "linear_acceleration", (3,))
 
 
-@dataclass(frozen=True)
-class PoseSeries:
+@dataclass(frozen=True, repr=False)
+class PoseSeries(OneLine):
     """Poses: planar ones, and the rest of them in three dimensions if it is known.
 
     `stamps` (n,) [ns]; `poses` (n, 3) x, y [m], yaw [rad] (unwrapped or not); `spatial` (n, 3) z [m],
@@ -100,8 +110,8 @@ class PoseSeries:
         return rows_of(self, which)
 
 
-@dataclass(frozen=True)
-class TwistSeries:
+@dataclass(frozen=True, repr=False)
+class TwistSeries(OneLine):
     """Body velocities of `base_link`.
 
     `stamps` (n,) [ns]; `twists` (n, 3) v_x, v_y [m/s], w [rad/s].
@@ -114,8 +124,8 @@ class TwistSeries:
         _check_values(self, "twists", (3,))
 
 
-@dataclass(frozen=True)
-class FixSeries:
+@dataclass(frozen=True, repr=False)
+class FixSeries(OneLine):
     """Position or pose fixes in `odom`.
 
     `stamps` (n,) [ns]; `poses` (n, 3) x, y [m], yaw [rad], yaw NaN if a fix has no heading;

@@ -42,6 +42,8 @@ LOAD_LAG = 0.2  # default lag of the load transfer [s]
 LARGEST_ETA = 1000.0  # largest distance of constant ICRs, as a multiple of the gauge
 MOST_POINTS = 1000  # most contact points of a track
 DENSEST = 20_000.0  # largest mass over the cube of the gauge, about that of gold [kg/m³]
+FAR = 20.0  # largest distance of a place from base_link, over the track gauge [-]
+FASTEST = 100.0  # highest speed of a track [m/s]
 
 
 class Vehicle(Bounded, frozen=True):
@@ -394,7 +396,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
         raise EstimatorError(
             f"{path}: {', '.join(missing)} must be numbers, found nan: they are not filled in"
         )
-    return _with_plausible_mass(convert(data, Robot, str(path), EstimatorError))
+    return _plausible(convert(data, Robot, str(path), EstimatorError))
 
 
 def _not_filled_in(data: Any, name: str = "") -> Iterator[str]:
@@ -419,17 +421,33 @@ def make_robot(name: str, **tables: Mapping[str, Any]) -> Robot:
         EstimatorError: a misspelt key, a wrong type or a bad value.
     """
     data = {"name": name} | {key: as_plain_table(value) for key, value in tables.items()}
-    return _with_plausible_mass(convert(data, Robot, f"robot {name!r}", EstimatorError))
+    return _plausible(convert(data, Robot, f"robot {name!r}", EstimatorError))
 
 
-def _with_plausible_mass(robot: Robot) -> Robot:
-    """Return a robot; EstimatorError if it is denser than any material."""
-    mass, gauge = robot.vehicle.mass, robot.vehicle.track_gauge
-    if mass > DENSEST * gauge**3:
-        raise EstimatorError(
-            f"robot {robot.name!r}: mass = {mass!r} kg does not fit track_gauge = {gauge!r} m: is the "
-            "mass in grams, or the gauge not in metres?"
-        )
+def _plausible(robot: Robot) -> Robot:
+    """Return a robot; EstimatorError for a mass, place or speed in another unit."""
+    vehicle, gauge = robot.vehicle, robot.vehicle.track_gauge
+    of_gauge = f"does not fit track_gauge = {gauge!r} m"
+    for is_wrong, problem in (
+        (
+            vehicle.mass > DENSEST * gauge**3,
+            f"mass = {vehicle.mass!r} kg {of_gauge}: is the mass in grams, or the gauge not in metres?",
+        ),
+        (
+            max(map(abs, vehicle.centre_of_mass)) > FAR * gauge,
+            f"centre_of_mass = {vehicle.centre_of_mass!r} m {of_gauge}: is it in millimetres?",
+        ),
+        (
+            max(map(abs, robot.imu.position)) > FAR * gauge,
+            f"imu.position = {robot.imu.position!r} m {of_gauge}: is it in millimetres?",
+        ),
+        (
+            vehicle.max_track_speed > FASTEST,
+            f"max_track_speed = {vehicle.max_track_speed!r} m/s: is it in mm/s?",
+        ),
+    ):
+        if is_wrong:
+            raise EstimatorError(f"robot {robot.name!r}: {problem}")
     return robot
 
 

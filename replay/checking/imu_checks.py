@@ -37,6 +37,7 @@ OFFSET_OF_GRAVITY = 0.3
 BIAS_SIGMAS = 2.5  # offset of gravity that the file's accelerometer_bias_sigma explains, in these
 LEAST_IN_MG = 500.0  # mean specific force from which its unit is mg rather than g [m/s²]
 OTHER_NOISE = 3.0  # measured noise density over the file's that is reported [-]
+SOON = 30.0  # a bias that a standstill shows later than this costs drift until then [s]
 FEWEST_STILL = 20  # fewest pairs of neighbouring samples at standstill that show the noise
 
 
@@ -217,10 +218,11 @@ def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
         return
     stated, sigma = robot.imu.gyro_bias, robot.imu.gyro_bias_sigma
     in_file = f"{stated:+.5f} ± {sigma:g} rad/s"
+    in_log = f"{bias.value:+.5f} ± {bias.sigma:.4f} rad/s by the {bias.source}"
     if bias.source == "standstill":
         in_log = f"{bias.value:+.5f} rad/s at standstill"
-    else:
-        in_log = f"{bias.value:+.5f} ± {bias.sigma:.4f} rad/s by the {bias.source}"
+    first = log.imu.stamps <= log.tracks.stamps[0] + round(SOON / NANOSECOND)
+    if not imu_mounting.standstill(log.tracks, log.imu.stamps[first]).any():
         # Without a standstill no filter learns a bias soon.
         sigma = min(sigma, STANDING_BIAS_SIGMA)
     measured = Measured(bias.value, "rad/s", stated, bias.sigma)

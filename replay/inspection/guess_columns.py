@@ -20,7 +20,9 @@ from icreckon.replay.mapping.columns import (
 from icreckon.replay.mapping.track_units import counter_range
 from icreckon.replay.reading.tables import Table
 
-TIME = re.compile(r"^(t|time|times|timestamp|stamp|date|datetime|utc|millis|micros|ms|us)$")
+TIME = re.compile(
+    r"^(t|time|times|timestamp|stamp|date|datetime|utc|sec|seconds|millis|micros|ms|us)$"
+)
 TIME_WORDS = re.compile(r"time|stamp")
 # Words of a name that may stand with its side where none is a speed's.
 BARE = re.compile(
@@ -28,7 +30,14 @@ BARE = re.compile(
     r"|v|w|k?m|[cm]?m|s|ms|mps|kmh|rad|rads|deg|h|l|r|[fhmrbvw][lr]|[lr][fmrb]|"
 )
 # Last words of the names of a pose.
-POSE_NAMES = [re.compile(rf"(?:^|[_.])(?:{one})$") for one in ("t?x", "t?y", "yaw|heading|theta")]
+POSE_NAMES = [
+    re.compile(rf"(?:^|[_.])(?:{one})$")
+    for one in ("[tp]?x|east(?:ing)?", "[tp]?y|north(?:ing)?", "yaw|heading|theta")
+]
+# Words in names of the axes of other vectors.
+NO_PLACE = re.compile(
+    r"(?:^|[_.])(?:rates?|gyro\w*?|acc\w*?|vel(?:ocity)?|force|mag|ang\w*?|omega)[_.]"
+)
 PLACE_IN_PARTS = re.compile(r"(?:^|[_.])t?[xy]_[cm]m$")  # names of positions in mm and cm
 # Names of a file of poses that nobody measured apart from the robot's own sensors.
 ESTIMATED = re.compile(r"odom|wheel|encoder|ekf|ukf|fused|filter|estimat|predict|reckon")
@@ -102,9 +111,10 @@ def unused_columns(tables: Sequence[Table], columns: ColumnMap | None) -> Iterat
         return
     names = {column.name for table in tables for column in table.columns if column.is_number}
     if columns.tracks is not None and (used := columns.tracks.left):
+        of_imu = columns.imu.angular_velocity if columns.imu else ()
         wheels = [
             name
-            for name in sorted(names - {*used, *columns.tracks.right})
+            for name in sorted(names - {*used, *columns.tracks.right, *of_imu})
             if naming.is_of_wheel(name)
             and naming.unit_of(name, "m/s") == naming.unit_of(used[0], "m/s")
             and not naming.is_truth(name)
@@ -192,6 +202,7 @@ def _states_a_side_alone(name: str) -> bool:
 
 def _truth(names: Sequence[str], time: _Time) -> PoseColumns | None:
     """Guess the columns of a truth's x, y and yaw; None without a position."""
+    names = [name for name in names if not NO_PLACE.search(naming.plain_name(name))]
     x, y, yaw = (naming.first_like(names, pattern) for pattern in POSE_NAMES)
     unit: AngleUnit = "deg" if yaw and naming.in_degrees(yaw) else "rad"
     return PoseColumns(x=x, y=y, yaw=yaw, yaw_unit=unit, **time._asdict()) if x and y else None

@@ -36,7 +36,7 @@ COUNTER, RATE = re.compile("count|tick|enc"), re.compile("vel|speed|rpm")
 _LINEAR, _ANGULAR, _VELOCITY = r"lin(?:ear)?", r"ang(?:ular)?", r"vel(?:ocity)?"
 # Axes of an IMU as gyro_x, imu_angular_velocity_x or w_x; as acc_x, linear_acceleration_x or a_x.
 GYRO = re.compile(
-    rf"(?:(?:^|_|^imu)(?:gyro?(?:scope)?|{_ANGULAR}_?(?:{_VELOCITY}|rate)|omega)"
+    rf"(?:(?:^|_|^imu)(?:gyro?(?:scope)?|{_ANGULAR}_?(?:{_VELOCITY}|rate)|omega|(?:rot(?:ation)?_?)?rate)"
     r"|^(?:imu_?)?[wg]?(?:_rs_s)?)_?([xyz])$"
 )
 ACCELEROMETER = re.compile(
@@ -69,8 +69,8 @@ UNIT_WORDS |= {"dist": "m", "rpm": "rpm", "/min": "rpm", "rad": "rad/s", "deg": 
 UNIT_WORDS |= {"mm": "mm/s", "km": "km/h"}
 PLACEHOLDER_SIGMA = 0.05  # of fixes without a covariance [m], of headings [rad]; to be replaced
 CAPITAL = re.compile(r"(?<=[a-z])(?=[A-Z])")  # places where a word begins in a name as encL
-LEFT = {"l", "vl", "wl", "lwheel", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb", "hl"}
-RIGHT = {"r", "vr", "wr", "rwheel", "fr", "mr", "rr", "br", "rf", "rm", "rb", "hr"}
+LEFT = {"l", "vl", "wl", "lw", "lwheel", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb", "hl"}
+RIGHT = {"r", "vr", "wr", "rw", "rwheel", "fr", "mr", "rr", "br", "rf", "rm", "rb", "hr"}
 
 
 def is_truth(name: str) -> bool:

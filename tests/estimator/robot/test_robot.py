@@ -94,6 +94,12 @@ def test_a_robot_is_made_of_what_is_known():
             "gyro_bias_sigma must be in radians",
         ),
         ({"vehicle": VEHICLE, "tracks": {"scale_sigma": 5.0}}, "scale_sigma must be from 0 to 1"),
+        ({"vehicle": VEHICLE, "imu": {"position": (120.0, 0.0, 9.0)}}, "position.* in millimetres"),
+        (
+            {"vehicle": {**VEHICLE, "centre_of_mass": (0.0, 0.0, 150.0)}},
+            "centre_of_mass .* in millimetres",
+        ),
+        ({"vehicle": {**VEHICLE, "max_track_speed": 1500.0}}, "max_track_speed .* in mm/s"),
     ],
 )
 def test_what_is_wrong_is_named_at_once(tables: dict, message: str):

@@ -152,16 +152,23 @@ ERRORS = {
 }
 
 
-@pytest.mark.parametrize(("source", "trajectory"), [("truth", "slalom"), ("tracks", "aggressive")])
-def test_a_bias_without_a_standstill_is_named(source: str, trajectory: str):
+@pytest.mark.parametrize(
+    ("source", "trajectory"),
+    [("by the truth", "slalom"), ("by the tracks", "aggressive"), ("at standstill", "stop-and-go")],
+)
+def test_a_bias_without_a_standstill_before_the_end_is_named(source: str, trajectory: str):
     """A bias of -0.0156 rad/s is within the file's sigma, and no filter learns it soon."""
-    log = simulate(Scenario(duration=110.0, seed=3, fix_rate=0.0, trajectory=trajectory), ALPHA)
+    options = {"drive": 90.0, "rest": 8.0} if trajectory == "stop-and-go" else {}
+    scenario = Scenario(
+        duration=110.0, seed=3, fix_rate=0.0, trajectory=trajectory, trajectory_options=options
+    )
+    log = simulate(scenario, ALPHA)
     # Without its first and last seconds, in which the robot stands.
     log = scaled_imu(log.part(6.0, log.duration - 6.0), bias=-0.0156)
-    if source == "tracks":
+    if source == "by the tracks":
         log = replace(log, truth=None)
     (found,) = [one for one in check_robot(log, ALPHA) if one.name == BIAS]
-    assert f"by the {source}" in found.problem
+    assert source in found.problem
     assert found.measured.value == pytest.approx(-0.0156, abs=0.004)
     assert found.settings["imu.gyro_bias"] == pytest.approx(-0.0156, abs=0.004)
 

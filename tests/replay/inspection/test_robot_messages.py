@@ -372,6 +372,7 @@ def test_odometry_in_a_table(tmp_path: Path) -> None:
         (("odom_vx", "odom_wz"), (SPEED, TURN), None),
         (("wheel_speed", "wheel_yaw_rate"), (SPEED, TURN), None),
         (("VL [rpm]", "VR [rpm]"), (LEFT * RPM, RIGHT * RPM), "rpm"),
+        (("lw_rpm", "rw_rpm"), (LEFT * RPM, RIGHT * RPM), "rpm"),
     ],
 )
 def test_names_of_columns(tmp_path: Path, names, values, unit) -> None:
@@ -386,3 +387,27 @@ def test_names_of_columns(tmp_path: Path, names, values, unit) -> None:
     assert columns.imu.angular_velocity == tuple(of_gyro)
     assert tracks.names == names
     assert (tracks.unit if tracks.left else None) == unit
+
+
+@pytest.mark.parametrize(
+    ("gyro", "time", "place"),
+    [("rate_{}_dps", "sec", ("px", "py")), ("imu_rate_{}", "seconds", ("easting", "northing"))],
+)
+def test_an_imu_and_places_in_tables_of_their_own(tmp_path: Path, gyro, time, place) -> None:
+    """Names of rates end like those of places, and are no truth."""
+    factor = 180.0 / math.pi if "dps" in gyro else 1.0
+    rates = [gyro.format(axis) for axis in "xyz"]
+    zeros = np.zeros(len(SECONDS))
+    tables = {
+        "imu": [time, *rates], "wheels": [time, "left_vel", "right_vel"], "rtk": [time, *place],
+    }  # fmt: skip
+    values = {"imu": [zeros, zeros, factor * TURN], "wheels": [LEFT, RIGHT], "rtk": [X, Y]}
+    for name, columns in values.items():
+        rows = np.column_stack([SECONDS, *columns])
+        header = ",".join(tables[name])
+        np.savetxt(tmp_path / f"{name}.csv", rows, "%.5f", ",", header=header, comments="")
+    found = inspect([tmp_path / f"{name}.csv" for name in tables])
+    columns = found.mapping.columns
+    assert columns.imu.angular_velocity == tuple(rates)
+    assert (columns.truth.x, columns.truth.y) == place
+    assert not any("not used" in text for text in found.findings)
