@@ -199,6 +199,17 @@ def test_gap_in_the_track_speeds_grows_the_uncertainty_with_its_length(imu):
         assert yaw_sigmas[3] == pytest.approx(math.pi / math.sqrt(3.0), rel=0.05)
 
 
+def test_a_long_gap_after_a_turn_adds_no_more_to_the_yaw_than_not_knowing_it():
+    """Errors of the parameters turn the robot only as long as the old speeds last: it was 13 rad."""
+    estimator = PoseEstimator(ALPHA, "constant-online")
+    stamp = drive(estimator, EPOCH, 3.0, -0.6, 0.6)
+    before = estimator.pose_covariance[2, 2]
+    drive(estimator, stamp + seconds(35.0), 0.1, 0.0, 0.0)
+    unknown = math.pi / math.sqrt(3.0)
+    added = math.sqrt(estimator.pose_covariance[2, 2] - before)
+    assert unknown * 0.99 < added < 1.3 * unknown
+
+
 def test_a_gap_is_bridged_with_the_speeds_before_it_dying_away():
     estimator = PoseEstimator(ALPHA)
     stamp = drive(estimator, EPOCH, 2.0, 0.5, 0.5, imu=False)
