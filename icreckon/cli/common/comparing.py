@@ -1,4 +1,4 @@
-"""Common body of `demo` and `replay`: compare, write the report, show the table."""
+"""Steps of several commands: load the robot, read a log, compare, write the report."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -11,6 +11,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot, robot_names
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.tracing.kernel_cache import kernel_files, warn_unless_kept
+from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, compare
 from icreckon.replay.comparison.fixes import LogPart
@@ -18,6 +19,8 @@ from icreckon.replay.comparison.many import Case, CaseScores, case_scores
 from icreckon.replay.comparison.results import Results, summarise
 from icreckon.replay.export.folder import write_exports
 from icreckon.replay.export.formats import DEFAULT_FORMATS, check_formats
+from icreckon.replay.reading.gather import source_name
+from icreckon.replay.reading.read_log import read_log
 from icreckon.report.replay.folder import write_views
 from icreckon.report.replay.page_text import failures
 from icreckon.report.replay.tables import WIDE_FROM, results_table
@@ -95,6 +98,12 @@ def compare_and_report(
     summary, _ = compare_and_write(log, robot, folder, **options)
     show(folder, results_table, summary, WIDE_FROM, as_json=as_json, wide=wide)
     return failures(summary)
+
+
+def read(files: list[Path], robot: Robot, definitions: Definitions) -> Log:
+    """Read a log, with a progress bar."""
+    with progress(f"reading {source_name(files)}") as report:
+        return read_log(files, robot, definitions=definitions, progress=report)
 
 
 def the_robot(name: str | None, paths: Sequence[Path]) -> tuple[str, Robot]:

@@ -1,6 +1,7 @@
 """Self-contained HTML page of a comparison, made from its results only."""
 
 from collections.abc import Sequence
+from itertools import chain
 
 from icreckon.estimator.robot.robot_file import Vehicle
 from icreckon.replay.base.units import unit
@@ -159,35 +160,36 @@ def _digits(value: float) -> str:
 
 def _innovation_table(results: Results) -> Table | None:
     """Share of large innovations by variant and component; None if there are none."""
-    variants = results["series"]["variants"]
-    innovations = {name: variants[name]["innovations"] for name in variants}
-    keys = (key for by_component in innovations.values() for key in by_component)
-    components = list(dict.fromkeys(keys))
+    variants = results["series"]["variants"].items()
+    # By variant, then by component.
+    innovations = {
+        name: series["innovations"] for name, series in variants if series["innovations"]
+    }
+    components = list(dict.fromkeys(chain.from_iterable(innovations.values())))
     if not components:
         return None
     rows = []
-    for name, by_component in innovations.items():
-        if not by_component:
-            continue
-        cells: list[Cell] = []
-        for component in components:
-            values = by_component.get(component, {}).get("normalised", [])
-            sizes = [abs(value) for value in values if value is not None]
-            if not sizes:
-                cells.append(Cell("–"))
-                continue
-            beyond_2, beyond_3 = (sum(size > bound for size in sizes) for bound in (2, 3))
-            percent = 100.0 / len(sizes)
-            cells.append(Cell(f"{percent * beyond_2:.1f} %", beneath=f"{percent * beyond_3:.1f} %"))
-        rows.append((name, cells))
+    for name, own in innovations.items():
+        values = (own.get(component, {}).get("normalised", []) for component in components)
+        rows.append((name, list(map(_share_cell, values))))
     title = "Share beyond ±2, and beneath it beyond ±3, of the innovations shown (ideal: 4.6 % and 0.3 %)"
     return Table(title, ["variant", *(key.replace("_", " ") for key in components)], rows)
+
+
+def _share_cell(normalised: Sequence[float | None]) -> Cell:
+    """Cell of the share of normalised innovations beyond 2, and beneath it beyond 3 [%]."""
+    sizes = [abs(value) for value in normalised if value is not None]
+    if not sizes:
+        return Cell("–")
+    beyond_2, beyond_3 = (sum(size > bound for size in sizes) for bound in (2, 3))
+    percent = 100.0 / len(sizes)
+    return Cell(f"{percent * beyond_2:.1f} %", beneath=f"{percent * beyond_3:.1f} %")
 
 
 def _dropped_by_filter(results: Results) -> Table:
     """Measurements used and rejected, NIS and standstill updates of each variant."""
     rows = []
-    for name, scores in page_text.filtered(results).items():
+    for name, scores in page_text.filtered(results["variants"]).items():
         used = ", ".join(f"{count} × {sensor}" for sensor, count in scores["used"].items() if count)
         rejected = page_text.rejections_text(scores) or "none"
         nis = ", ".join(f"{name} {number(mean)}" for name, mean in scores["nis"].items() if mean)
