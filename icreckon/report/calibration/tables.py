@@ -83,11 +83,9 @@ def log_table(results: Results, *, narrow: bool = False) -> Table:
 
 def _text_table(title: str, head: list[str], rows: list[list[str]], *, narrow: bool) -> Table:
     """Table of texts, without its last column if narrow."""
-    columns = len(head) - narrow
-    shown_rows = [
-        (name, list(map(Cell, texts))) for name, *texts in (row[:columns] for row in rows)
-    ]
-    return Table(title, head[:columns], shown_rows)
+    if narrow:
+        head, rows = head[:-1], [row[:-1] for row in rows]
+    return Table(title, head, [(name, list(map(Cell, texts))) for name, *texts in rows])
 
 
 def model_table(results: Results, *, narrow: bool = False) -> Table:
