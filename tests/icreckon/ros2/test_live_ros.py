@@ -52,13 +52,6 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return simulated(folder / "drive", SECONDS, trajectory="slalom", seed=5)
 
 
-@pytest.fixture(scope="module")
-def short_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A drive whose messages come, of whatever they tell."""
-    folder = tmp_path_factory.mktemp("bag")
-    return simulated(folder / "short", 4.0, trajectory="slalom", seed=5)
-
-
 def statuses(message: Any) -> dict[str, dict[str, str]]:
     """Values by key, by name of the status."""
     return {
@@ -182,7 +175,7 @@ def test_diagnostics_and_markers(live: Any) -> None:
     assert 0.0 < float(eta0["sigma"]) < 1.0
 
 
-def test_starts_warm_and_again_after_a_kill(live, ros, bag, short_bag, tmp_path):
+def test_starts_warm_and_again_after_a_kill(live, ros, bag, tmp_path):
     state = tmp_path / "state.json"
     shutil.copy(live[2], state)
     options = {"state_file": state, "save_period": 1.0, "input_depth": DEEP, "reorder": REORDER}
@@ -190,7 +183,7 @@ def test_starts_warm_and_again_after_a_kill(live, ros, bag, short_bag, tmp_path)
         until(lambda: "ready:" in running.text(), running)
         assert "warm start" in running.text()
         before = state.read_bytes()
-        play(ros, short_bag)
+        play(ros, simulated(tmp_path / "short", 4.0, trajectory="slalom", seed=5))
         until(lambda: state.read_bytes() != before, running)
         running.stop(signal.SIGKILL)
     # SIGTERM, as systemd and docker send.
