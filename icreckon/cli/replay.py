@@ -12,8 +12,15 @@ import msgspec
 from typer import Option
 
 from icreckon.cli.common import options
-from icreckon.cli.common.comparing import compare_and_report, compare_and_write, read, the_robot
-from icreckon.cli.common.console import exit_if_failed, progress, results_folder, say, show
+from icreckon.cli.common.comparing import compare_and_write, read, the_robot
+from icreckon.cli.common.console import (
+    MakeTable,
+    exit_if_failed,
+    progress,
+    results_folder,
+    say,
+    show,
+)
 from icreckon.cli.common.stopping import Stop
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
@@ -35,7 +42,8 @@ from icreckon.replay.reading.tables import are_parts
 from icreckon.report.replay.folder import PAGE_FILE, RESULTS_FILE, write_many
 from icreckon.report.replay.many_tables import many_tables
 from icreckon.report.replay.many_text import many_failures
-from icreckon.report.replay.tables import WIDE_FROM
+from icreckon.report.replay.page_text import failures
+from icreckon.report.replay.tables import WIDE_FROM, results_table
 
 
 @dataclass(frozen=True)
@@ -112,8 +120,8 @@ def command(
     robots = dict(the_robot(name, files_of_logs[0]) for name in robot_names or (None,))
     refuse_twice(robot_names, "robot file")
     maps = [topic_map(robot) for robot in robots.values() if robot.log]
-    tables = [log_files(path) or [path] for path in paths]
-    if any(are_parts(tables, mapping.columns) for mapping in maps):
+    table_files = [log_files(path) or [path] for path in paths]
+    if any(are_parts(table_files, mapping.columns) for mapping in maps):
         say(f"read as one log, of which each file has a part: {', '.join(map(str, paths))}")
         files_of_logs = [paths]
     names = list(DEFAULT_VARIANTS)
@@ -142,12 +150,12 @@ def command(
         origin = {"command": "replay", "inputs": inputs}
         origin["configuration"] = {"log": log, "robot": name} | configuration
         drives.append(_Drive(files, name, robot, definitions, shared | {"origin": origin}))
+    make_tables: MakeTable
     with results_folder(out, f"icreckon-replay-{paths[0].stem}", overwrite=overwrite) as folder:
         if len(drives) == 1:
-            drive = drives[0]
-            failed = compare_and_report(
-                drive.log(), drive.robot, folder, as_json=as_json, wide=wide, **drive.options
-            )
+            (drive,) = drives
+            summary, _ = compare_and_write(drive.log(), drive.robot, folder, **drive.options)
+            failed, make_tables = failures(summary), results_table
         else:
             # Unique labels, which are also names of folders.
             taken = (PAGE_FILE, RESULTS_FILE, MANIFEST)
@@ -155,8 +163,8 @@ def command(
             robot_labels = many.unique([many.label_of(Path(name)) for name in robots], taken)
             cases = [many.Case(*labels) for labels in product(log_labels, robot_labels)]
             summary = _many(dict(zip(cases, drives, strict=True)), folder, configuration)
-            failed = many_failures(summary)
-            show(folder, many_tables, summary, WIDE_FROM, as_json=as_json, wide=wide)
+            failed, make_tables = many_failures(summary), many_tables
+        show(folder, make_tables, summary, WIDE_FROM, as_json=as_json, wide=wide)
     exit_if_failed(failed)
 
 

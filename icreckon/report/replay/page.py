@@ -17,8 +17,8 @@ from icreckon.report.replay.tables import (
     POSITION_COLUMNS,
     SCORE_COLUMNS,
     SPATIAL_COLUMNS,
-    THOUSANDTHS,
     Column,
+    scaled,
 )
 
 DEFAULT_HALF_LENGTH = Vehicle(mass=1.0, track_gauge=1.0, sprocket_radius=1.0).half_contact_length
@@ -123,16 +123,12 @@ def _horizons_with(results: Results, key: str) -> list[str]:
 
 
 def _score_table(results: Results, columns: Sequence[Column]) -> Table:
-    """Table of scores by variant; those of `THOUSANDTHS` are in mm/s and mrad/s."""
-
-    def text(value: float | None, key: str) -> str:
-        return number(1e3 * value if value is not None and key.startswith(THOUSANDTHS) else value)
-
-    rows = [
-        (name, [Cell(text(scores.get(key), key)) for _, key, _ in columns])
-        for name, scores in results["variants"].items()
-    ]
-    headings = [heading.replace("\n", ", ") for heading, _, _ in columns]
+    """Table of scores by variant."""
+    rows = []
+    for name, scores in results["variants"].items():
+        values = [scaled(scores.get(column.key), column.key) for column in columns]
+        rows.append((name, [Cell(number(value)) for value in values]))
+    headings = [column.heading.replace("\n", ", ") for column in columns]
     return Table("", ["variant", *headings], rows)
 
 
