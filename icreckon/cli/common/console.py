@@ -32,6 +32,7 @@ from icreckon.report.printable import printable
 TABLE_WIDTH = 150
 BAR = 16  # width of a bar [characters]
 LONGEST_COMPILATION = 300.0  # longest time for which a kernel is compiled [s]
+FAILED = 1  # exit status of a command that has written incomplete results
 # Messages of a loader for a library that does not fit in memory.
 UNMAPPED = (
     "failed to map segment",
@@ -71,7 +72,7 @@ def exit_if_failed(failed: Sequence[str]) -> None:
     for line in failed:
         say(line, "red")
     if failed:
-        raise typer.Exit(1)
+        raise typer.Exit(FAILED)
 
 
 def results() -> Console:

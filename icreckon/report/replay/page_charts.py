@@ -313,17 +313,15 @@ def _parameter_charts(results: Results, columns: dict[str, Numbers]) -> list[Cha
         sigmas = [floats(columns[f"{name}/{parameter}/sigma"]) for name in names]
         medians = [float(np.nanmedian(sigma)) for sigma in sigmas if np.isfinite(sigma).any()]
         usual_sigma = max(medians, default=0.0)
-        times = {name: {"x": f"{name}/parameters/t_s"} for name in names}
-        sigma = f"{parameter}/sigma"
-        chart: Chart = {
-            "place": "parameters",
-            "title": PARAMETER_TITLES.get(parameter, parameter),
-            "lines": [_line(name, parameter) | times[name] for name in names],
-            "bands": [_band(name, sigma, 2.0, parameter) | times[name] for name in names],
-            "y_label": f"{parameter} [{unit(parameter)}]",
-            "least": max(0.2 * usual_sigma, 1e-12),
-        }
-        charts.append(chart)
+        lines, bands = [], []
+        for name in names:
+            times = {"x": f"{name}/parameters/t_s"}
+            lines.append(_line(name, parameter) | times)
+            bands.append(_band(name, f"{parameter}/sigma", 2.0, parameter) | times)
+        title = PARAMETER_TITLES.get(parameter, parameter)
+        chart: Chart = {"place": "parameters", "title": title, "lines": lines, "bands": bands}
+        chart["y_label"] = f"{parameter} [{unit(parameter)}]"
+        charts.append(chart | {"least": max(0.2 * usual_sigma, 1e-12)})
     return charts
 
 
