@@ -169,6 +169,9 @@ def test_charts_have_axes_with_units_and_rows_that_match(results: dict[str, Any]
             assert item["series"] in names if "series" in item else item["label"]
             used = [item[key] for key in ("y", "sigma", "middle") if item.get(key)]
             assert {len(columns[name]) for name in used} == {len(columns[item["x"]])}
+    (position,) = (chart for chart in data["charts"] if chart["title"] == "Position error")
+    assert position["spans"] == results["truth"]["scored_s"]
+    assert {band["times"] for band in position["bands"]} == {3.0}
     learnt = {chart["title"]: chart["y_label"] for chart in data["charts"]}
     assert learnt["Steering efficiency index without force, η₀"] == "eta0 [-]"
     assert learnt["Bias of the gyro"] == "gyro_bias [rad/s]"
@@ -188,16 +191,6 @@ def test_at_its_icr_the_robot_moves_as_the_track_runs(results: dict[str, Any], n
         over_ground = v_x - w * of(f"{name}/{side}_icr_y_m")
         assert np.nanmedian(np.abs(over_ground - of(f"inputs/{side}_m_s"))[turning]) < 0.05
     assert np.nanmedian(np.abs(v_y + w * of(f"{name}/icr_x_m"))[turning]) < 0.02
-
-
-def test_the_band_is_three_sigma_of_the_filter(results: dict[str, Any]) -> None:
-    data = page_data(results)
-    chart = next(one for one in data["charts"] if one["title"] == "Position error")
-    band = next(one for one in chart["bands"] if one["series"] == "constant-online")
-    assert (band["times"], band["middle"]) == (3.0, None)
-    sigma = results["series"]["variants"]["constant-online"]["position_sigma_m"]
-    assert data["columns"][band["sigma"]] is sigma
-    assert chart["spans"] == results["truth"]["scored_s"]
 
 
 def test_a_hole_of_the_log_lifts_the_pen(results, changed):
