@@ -323,12 +323,14 @@ class OdometryNode:
 
     def _take_messages(self) -> None:
         """Feed the waiting messages and publish; what cannot be used is warned of."""
+        is_simulated = self.node.get_clock().ros_time_is_active
         for received in self._inbox.take():
             self._last_message = time.monotonic()
             subscription, msgtype, message, _ = received
             arrival = received.arrival(self._now())
             try:
-                estimates = self.live.take(subscription, msgtype, message, arrival, self._steady())
+                steady = None if is_simulated else time.monotonic_ns()
+                estimates = self.live.take(subscription, msgtype, message, arrival, steady)
             except IcreckonError as problem:
                 self._warn(str(problem))
             else:
@@ -352,10 +354,6 @@ class OdometryNode:
 
     def _now(self) -> int:
         return int(self.node.get_clock().now().nanoseconds)
-
-    def _steady(self) -> int | None:
-        """Time of the monotonic clock [ns]; None if time is simulated."""
-        return None if self.node.get_clock().ros_time_is_active else time.monotonic_ns()
 
     # --- outputs -----------------------------------------------------------------------------------
 

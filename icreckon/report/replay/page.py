@@ -137,7 +137,8 @@ def _constant_table(results: Results) -> Table | None:
     variants_of: dict[tuple[str, str], list[str]] = {}
     for parameter, estimates in constant_parameters(results).items():
         for variant, (value, sigma) in estimates.items():
-            text = f"{_digits(value)} ± {_digits(2.0 * sigma)} {unit(parameter)}".removesuffix(" -")
+            text = f"{value:.3g} ± {2.0 * sigma:.3g} ".replace("-", "−") + unit(parameter)
+            text = text.removesuffix(" -")  # of a quantity without a unit
             variants_of.setdefault((parameter, text), []).append(variant)
     if not variants_of:
         return None
@@ -147,11 +148,6 @@ def _constant_table(results: Results) -> Table | None:
         for (parameter, text), variants in variants_of.items()
     ]
     return Table(title, ["parameter", "value ± 2σ", "variants"], rows)
-
-
-def _digits(value: float) -> str:
-    """Three significant digits, with a true minus sign."""
-    return f"{value:.3g}".replace("-", "−")
 
 
 def _innovation_table(results: Results) -> Table | None:

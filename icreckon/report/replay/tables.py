@@ -104,21 +104,24 @@ def results_table(results: Results, *, narrow: int = 0) -> Group:
 
 def _with_values(results: Results, columns: Sequence[Column]) -> list[Column]:
     """Columns with a value of any variant, and the drift of the verdict's horizon."""
-    verdict = results["verdict"]
-    if verdict is not None:
-        key = f"drift_percent_{verdict['horizon']}_mean"
-        if key not in [column.key for column in columns]:
-            heading = f"drift {page_text.seconds_text(verdict['horizon'])}\n% of distance"
-            columns = [Column(heading, key, 2), *columns]
+    key = _verdict_key(results)
+    if key and key not in [column.key for column in columns]:
+        horizon = page_text.seconds_text(results["verdict"]["horizon"])
+        columns = [Column(f"drift {horizon}\n% of distance", key, 2), *columns]
     variants = results["variants"].values()
     known = {key for scores in variants for key, value in scores.items() if value is not None}
     return [column for column in columns if column.key in known]
 
 
+def _verdict_key(results: Results) -> str:
+    """Key of the drift of the verdict; empty without a verdict."""
+    verdict = results["verdict"]
+    return f"drift_percent_{verdict['horizon']}_mean" if verdict else ""
+
+
 def _fitting(results: Results, columns: Sequence[Column], width: int) -> list[Column]:
     """Columns that fit a width [characters], the most important ones, in their order."""
-    verdict = results["verdict"]
-    first = f"drift_percent_{verdict['horizon']}_mean" if verdict else ""
+    first = _verdict_key(results)
     names = (*results["variants"], *results["failed"], "variant")
     # Borders and padding: 4 characters for the names, 3 for each other column.
     room = width - max(map(len, names)) - 4
