@@ -241,7 +241,7 @@ class OdometryNode:
         return self._classes[msgtype]()
 
     def _make_services(self) -> None:
-        """Offer to save and to reset, and to take initial poses (as RViz has) if there is a map."""
+        """Offer to save and to reset, and to take initial poses if there is a map."""
         from std_srvs.srv import Trigger
 
         self.node.create_service(Trigger, "~/save", self._on_save)

@@ -1,4 +1,4 @@
-"""Steps of several commands: load the robot, read a log, compare, write the report."""
+"""Steps of several commands: load the robot, read a log, compare, report."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path

@@ -169,7 +169,7 @@ def _innovation_table(results: Results) -> Table | None:
 
 
 def _share_cell(normalised: Sequence[float | None]) -> Cell:
-    """Cell of the share of normalised innovations beyond 2, and beneath it beyond 3 [%]."""
+    """Share of normalised innovations beyond 2, and beneath it beyond 3 [%]."""
     sizes = [abs(value) for value in normalised if value is not None]
     if not sizes:
         return Cell("–")

@@ -289,7 +289,7 @@ def arm_text(results: Results) -> str:
 
 
 def _leading(results: Results) -> str:
-    """Variant that stands for all: the best one, or the last filter if nothing is scored."""
+    """Variant that stands for all: the best, or the last filter if none is scored."""
     verdict = results["verdict"]
     return str(verdict["best"]) if verdict else [*filtered(results["variants"]), ""][-1]
 

@@ -98,8 +98,7 @@ def test_a_radius_is_corrected_also_if_the_reader_leaves_early(folder: Path) -> 
 def test_it_leaves_results_and_a_picture(folder: Path) -> None:
     results = results_in(folder / "results")
     assert results["command"] == "calibrate"
-    assert list(results["inputs"]) == ["drive"]
-    assert results["inputs"]["drive"].startswith("sha256:")
+    assert results["inputs"].keys() == {"drive"}
     assert results["supported_model"] == "inertia"
     assert results["verdict"].startswith("The data support inertia-based ICRs")
     assert list(results["models"]) == ["constant", "inertia"]
@@ -120,7 +119,7 @@ def test_it_leaves_results_and_a_picture(folder: Path) -> None:
 def test_hostile_names_stay_text_on_the_page(folder: Path) -> None:
     results = results_in(folder / "results")
     bad = "</script><script>alert(1)</script><img src=x onerror=y>"
-    results["robot"]["name"] = results["logs"][0]["name"] = results["notes"] = bad
+    results["robot"]["name"] = results["logs"][0]["name"] = bad
     results["notes"], results["configuration"] = [bad], {bad: bad}
     page = calibration_page(results)
     assert "<script" not in page
