@@ -189,18 +189,15 @@ class OdometryNode:
 
     def _make_publishers(self) -> None:
         options, has_map = self.options, self.live.map is not None
-        self._odometry = self._publisher("odom", 100, ros.ODOMETRY)
-        self._map_pose = None
-        if has_map:
-            self._map_pose = self._publisher("pose_in_map", 10, ros.POSE_WITH_COVARIANCE)
-        self._tf = None
-        if options.publish_tf or (options.publish_map_tf and has_map):
-            self._tf = self._publisher("/tf", 100, ros.TF, ros.TRANSFORM)
-        self._markers = None
-        if options.icr_markers:
-            self._markers = self._publisher("icrs", 10, ros.MARKERS, ros.MARKER, ros.POINT)
+        has_tf = options.publish_tf or (options.publish_map_tf and has_map)
+        marker_types = (ros.MARKERS, ros.MARKER, ros.POINT)
+        new = self._publisher
+        self._odometry = new("odom", 100, ros.ODOMETRY)
+        self._map_pose = new("pose_in_map", 10, ros.POSE_WITH_COVARIANCE) if has_map else None
+        self._tf = new("/tf", 100, ros.TF, ros.TRANSFORM) if has_tf else None
+        self._markers = new("icrs", 10, *marker_types) if options.icr_markers else None
         self._slip, self._learnt, self._diagnostics = (
-            self._publisher(topic, 10, ros.DIAGNOSTICS, ros.STATUS, ros.KEY_VALUE)
+            new(topic, 10, ros.DIAGNOSTICS, ros.STATUS, ros.KEY_VALUE)
             for topic in ("slip", "learnt_parameters", "/diagnostics")
         )
 

@@ -272,20 +272,20 @@ def level_text(results: Results) -> str:
     )
 
 
-def lag_text(truth: Results) -> str:
-    """Lag that was removed from a truth, or that none was found."""
+def truth_correction(results: Results) -> str:
+    """Lag and lever arm that were removed from the truth; empty if it is as it was."""
+    truth = results["truth"]
+    x, y = truth["lever_arm_m"]
+    if truth["lag_s"] == x == y == 0.0:
+        return ""
     if truth["lag_s"] is None:
-        return "no lag, since none was found (a note says why)"
-    sigma = truth.get("lag_sigma_s")
-    error = "" if sigma is None else f" (± {sigma:.3f})"
-    return f"{truth['lag_s']:.2f} s{error} of lag"
-
-
-def arm_text(results: Results) -> str:
-    """Lever arm of the truth, and the variant whose it is."""
-    x, y = results["truth"]["lever_arm_m"]
+        lag = "no lag, since none was found (a note says why)"
+    else:
+        sigma = truth.get("lag_sigma_s")
+        error = "" if sigma is None else f" (± {sigma:.3f})"
+        lag = f"{truth['lag_s']:.2f} s{error} of lag"
     arm = f"lever arm of {x:.2f} m forward and {y:.2f} m left"
-    return f"{arm} for {_leading(results)}, other variants by their own"
+    return f"{lag}, {arm} for {_leading(results)}, other variants by their own"
 
 
 def _leading(results: Results) -> str:
@@ -304,10 +304,10 @@ def notes(results: Results) -> list[str]:
     """Findings about the log, and the corrections made."""
     lines, truth = [], results["truth"]
     if truth:
-        if truth["lag_s"] != 0.0 or any(truth["lever_arm_m"]):
+        if correction := truth_correction(results):
             lines.append(
-                f"Truth ({truth['source']}) corrected before scoring: {lag_text(truth)}, "
-                f"{arm_text(results)}: the position of base_link depends on the filter."
+                f"Truth ({truth['source']}) corrected before scoring: {correction}: the position of "
+                "base_link depends on the filter."
             )
         else:
             lines.append(f"Truth: {truth['source']}, taken as it is.")

@@ -10,7 +10,7 @@ from rich.text import Text
 from icreckon.replay.base.errors import OF_ROBOT_FILE, OF_STAMPS, coarse_stamps
 from icreckon.replay.comparison.results import Results
 from icreckon.report.replay import page_text
-from icreckon.report.replay.page_text import CHECK_HINT, arm_text, lag_text, lowest, nees_text
+from icreckon.report.replay.page_text import CHECK_HINT, lowest, nees_text
 
 
 class Column(NamedTuple):
@@ -164,8 +164,8 @@ def _footnotes(results: Results) -> list[str]:
     else:
         spans = ", ".join(f"{start:.0f}-{end:.0f} s" for start, end in truth["scored_s"])
         lines.append(f"Scored without fixes: {spans or 'nowhere long enough'}.{nees_text(results)}")
-        if truth["lag_s"] != 0.0 or any(truth["lever_arm_m"]):
-            lines.append(f"Truth corrected before scoring: {lag_text(truth)}, {arm_text(results)}.")
+        if correction := page_text.truth_correction(results):
+            lines.append(f"Truth corrected before scoring: {correction}.")
         if page_text.is_spatial(results):
             lines.append(page_text.level_text(results))
     lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]
