@@ -1,7 +1,7 @@
 """Text and tables of a study, made from its results only."""
 
-import math
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 from icreckon.estimator.base.checks import is_finite
@@ -99,20 +99,18 @@ def _wins_and_losses(results: Results, name: str) -> str:
 
     Names those of the largest win and loss. Empty for fewer than two cells with an interval.
     """
-
-    def ratio(cell: dict[str, Any], end: str = "") -> float:
-        value = cell["variants"][name][results["drift"]][f"ratio{end}"]
-        return math.nan if value is None else float(value)
-
-    cells = [cell for cell in results["cells"] if math.isfinite(ratio(cell) + ratio(cell, "_low"))]
-    if len(cells) < 2:
+    ratios = [(cell["variants"][name][results["drift"]], cell) for cell in results["cells"]]
+    keys = ("ratio", "ratio_low", "ratio_high")
+    known = [(drift, cell) for drift, cell in ratios if all(is_finite(drift[key]) for key in keys)]
+    if len(known) < 2:
         return ""
-    wins = [cell for cell in cells if ratio(cell, "_high") < 1.0]
-    losses = [cell for cell in cells if ratio(cell, "_low") > 1.0]
-    text = f", significantly less in {len(wins)} and more in {len(losses)} of {len(cells)} cells"
+    wins = [(drift["ratio"], cell) for drift, cell in known if drift["ratio_high"] < 1.0]
+    losses = [(drift["ratio"], cell) for drift, cell in known if drift["ratio_low"] > 1.0]
+    text = f", significantly less in {len(wins)} and more in {len(losses)} of {len(known)} cells"
     # The largest of either; none if there is none.
-    extremes = sorted(wins, key=ratio)[:1] + sorted(losses, key=ratio, reverse=True)[:1]
-    places = [f"{change(ratio(cell))} at {_values_text(cell)}" for cell in extremes]
+    extremes = sorted(wins, key=itemgetter(0))[:1]
+    extremes += sorted(losses, key=itemgetter(0), reverse=True)[:1]
+    places = [f"{change(ratio)} at {_values_text(cell)}" for ratio, cell in extremes]
     return f"{text}: {', '.join(places)}" if places else text
 
 
