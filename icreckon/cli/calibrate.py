@@ -1,12 +1,12 @@
 """`icreckon calibrate`: calibration of a robot from logs with a truth."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Option
 
 from icreckon.cli.common import options
-from icreckon.cli.common.comparing import kernels_of, the_robot
+from icreckon.cli.common.comparing import kernels_of, read, the_robot
 from icreckon.cli.common.console import (
     check_writable,
     progress,
@@ -19,9 +19,7 @@ from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.base.plain_data import json_types
 from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.estimator.calibration.models import MODELS
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.bags.decoding import Definitions, read_definitions
+from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import write_text
 from icreckon.replay.calibration.results import headline, summarise_calibration
@@ -31,8 +29,7 @@ from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
 from icreckon.replay.checking.worth import VARIANT
 from icreckon.replay.comparison.results import write_results
 from icreckon.replay.mapping.topics import topic_map, with_column_keys
-from icreckon.replay.reading.gather import log_files, refuse_twice, source_name
-from icreckon.replay.reading.read_log import read_log
+from icreckon.replay.reading.gather import log_files, refuse_twice
 from icreckon.replay.reading.tables import are_parts
 from icreckon.report.calibration.tables import WIDE_FROM, calibration_page, calibration_tables
 from icreckon.report.pages import unless_missing
@@ -87,11 +84,11 @@ def command(
     arm = None if lever_arm is None else _pair(lever_arm)
     message_files = message_files or []
     definitions = read_definitions(message_files)
-    of_each = [log_files(path) or [path] for path in paths]
-    parts = robot.log and are_parts(of_each, topic_map(robot).columns)
-    logs_of = [paths] if parts else of_each
+    files_of_logs = [log_files(path) or [path] for path in paths]
+    if robot.log and are_parts(files_of_logs, topic_map(robot).columns):
+        files_of_logs = [paths]
     with results_folder(out, f"icreckon-calibrate-{paths[0].stem}", overwrite=overwrite) as folder:
-        logs = [_read(files, robot, definitions) for files in logs_of]
+        logs = [read(files, robot, definitions) for files in files_of_logs]
         with progress(f"calibrating {robot.name} from {len(logs)} log(s)") as report:
             try:
                 calibration = calibrate(
@@ -108,7 +105,7 @@ def command(
                 raise ReplayError(with_column_keys(str(problem), robot)) from None
         calibrated = calibration.robot
         # Track speeds have the radius and latency of the robot by which they are read.
-        calibrated_logs = [_read(files, calibrated, definitions) for files in logs_of]
+        calibrated_logs = [read(files, calibrated, definitions) for files in files_of_logs]
         kernels = kernels_of([VARIANT])
         with progress("filtering with the file before and after", compiles=kernels) as report:
             gained = headline((logs, robot), (calibrated_logs, calibrated), report)
@@ -120,10 +117,8 @@ def command(
             "models": list(names),
         }
         inputs = {str(path): path for path in [*paths, *message_files]}
-        summary = summarise_calibration(
-            calibration, logs, gained, configuration=configuration, inputs=inputs
-        )
-        summary = json_types(summary)
+        origin: dict[str, Any] = {"configuration": configuration, "inputs": inputs}
+        summary = json_types(summarise_calibration(calibration, logs, gained, **origin))
         with working("writing page and figure"), unless_missing():
             write_results(folder / RESULTS_FILE, summary)
             write_text(folder / PAGE_FILE, calibration_page(summary))
@@ -148,12 +143,8 @@ def _origin(calibration: Calibration) -> str:
     return f"calibrated ± {sigma / calibration.robot.vehicle.track_gauge:.2g}"
 
 
-def _read(files: list[Path], robot: Robot, definitions: Definitions) -> Log:
-    with progress(f"reading {source_name(files)}") as report_progress:
-        return read_log(files, robot, definitions=definitions, progress=report_progress)
-
-
 def _pair(text: str) -> tuple[float, float]:
+    """Lever arm of the truth [m], forward and left, from the text of the option."""
     try:
         forward, left = (float(part) for part in text.split(","))
     except ValueError:

@@ -6,14 +6,16 @@ from typing import Annotated
 import msgspec
 from typer import Option
 
-from icreckon.cli.common.comparing import compare_and_report
-from icreckon.cli.common.console import exit_if_failed, results_folder, say
+from icreckon.cli.common.comparing import compare_and_write
+from icreckon.cli.common.console import exit_if_failed, results_folder, say, show
 from icreckon.cli.common.options import Formats, Json, Out, Overwrite, Wide, Workers
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.export.formats import parse_formats
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.reading.read_log import read_log
+from icreckon.report.replay.page_text import failures
+from icreckon.report.replay.tables import WIDE_FROM, results_table
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.drives.drives import TRAJECTORIES
 from icreckon.simulation.scenario import Scenario
@@ -55,17 +57,13 @@ def command(
         origin = {"command": "demo", "configuration": msgspec.to_builtins(scenario)}
         origin |= {"inputs": {BAG: bag}, "seed": seed}
         say(f"simulated {duration:.0f} s of {ROBOT} and wrote them as a bag")
-        failed = compare_and_report(
-            replace(read_log(bag, robot), name=f"{scenario.trajectory} drive over rolling ground"),
-            robot,
-            folder,
-            origin=origin,
-            formats=wanted,
-            as_json=as_json,
-            wide=wide,
-            workers=workers,
+        name = f"{scenario.trajectory} drive over rolling ground"
+        log = replace(read_log(bag, robot), name=name)
+        summary, _ = compare_and_write(
+            log, robot, folder, origin=origin, formats=wanted, workers=workers
         )
-    exit_if_failed(failed)
+        show(folder, results_table, summary, WIDE_FROM, as_json=as_json, wide=wide)
+    exit_if_failed(failures(summary))
 
 
 def demo_scenario(seed: int, duration: float, trajectory: str) -> Scenario:

@@ -12,8 +12,15 @@ import msgspec
 from typer import Option
 
 from icreckon.cli.common import options
-from icreckon.cli.common.comparing import compare_and_report, compare_and_write, the_robot
-from icreckon.cli.common.console import exit_if_failed, progress, results_folder, say, show
+from icreckon.cli.common.comparing import compare_and_write, read, the_robot
+from icreckon.cli.common.console import (
+    MakeTable,
+    exit_if_failed,
+    progress,
+    results_folder,
+    say,
+    show,
+)
 from icreckon.cli.common.stopping import Stop
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
@@ -31,12 +38,12 @@ from icreckon.replay.comparison.fixes import parse_part
 from icreckon.replay.export.formats import parse_formats
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.gather import log_files, refuse_twice, source_name
-from icreckon.replay.reading.read_log import read_log
 from icreckon.replay.reading.tables import are_parts
 from icreckon.report.replay.folder import PAGE_FILE, RESULTS_FILE, write_many
 from icreckon.report.replay.many_tables import many_tables
 from icreckon.report.replay.many_text import many_failures
-from icreckon.report.replay.tables import WIDE_FROM
+from icreckon.report.replay.page_text import failures
+from icreckon.report.replay.tables import WIDE_FROM, results_table
 
 
 @dataclass(frozen=True)
@@ -51,10 +58,9 @@ class _Drive:
 
     def log(self) -> Log:
         """Read the log; its notes include contradictions to the robot file."""
-        source = source_name(self.paths)
-        with progress(f"reading {source}") as report:
-            log = read_log(self.paths, self.robot, definitions=self.definitions, progress=report)
-        say(f"read {source}: {log.duration:.0f} s, {len(log.tracks.stamps)} track speeds")
+        log = read(self.paths, self.robot, self.definitions)
+        count = len(log.tracks.stamps)
+        say(f"read {source_name(self.paths)}: {log.duration:.0f} s, {count} track speeds")
         # A stream that is missing has a note by the reader.
         checks = [check for check in check_robot(log, self.robot) if check.name != "IMU"]
         notes: list[str] = []
@@ -109,18 +115,19 @@ def command(
     logs are scored together, too.
     """
     robot_names, message_files = robot_names or [], message_files or []
-    files_of = [paths] if one_log else [[path] for path in paths]
+    files_of_logs = [paths] if one_log else [[path] for path in paths]
     refuse_twice(paths, "log")
-    wanted: list[str | None] = [*robot_names] or [None]
-    robots = dict(the_robot(name, files_of[0]) for name in wanted)
+    robots = dict(the_robot(name, files_of_logs[0]) for name in robot_names or (None,))
     refuse_twice(robot_names, "robot file")
     maps = [topic_map(robot) for robot in robots.values() if robot.log]
-    of_each = [log_files(path) or [path] for path in paths]
-    if any(are_parts(of_each, mapping.columns) for mapping in maps):
+    table_files = [log_files(path) or [path] for path in paths]
+    if any(are_parts(table_files, mapping.columns) for mapping in maps):
         say(f"read as one log, of which each file has a part: {', '.join(map(str, paths))}")
-        files_of = [paths]
-    names = None if variants is None else [name.strip() for name in variants.split(",")]
-    for name in names or []:
+        files_of_logs = [paths]
+    names = list(DEFAULT_VARIANTS)
+    if variants is not None:
+        names = [name.strip() for name in variants.split(",")]
+    for name in names:
         find_variant(name)
     shared = {
         "variants": names,
@@ -130,33 +137,34 @@ def command(
         "workers": workers,
     }
     configuration = {
-        "variants": names if names is not None else list(DEFAULT_VARIANTS),
+        "variants": names,
         "fixes": fixes,
         "smooth": smooth,
         "settings": msgspec.to_builtins(Settings()),
     }
     definitions = read_definitions(message_files)
     drives = []
-    for log, (name, robot) in product(files_of, robots.items()):
-        of_log = {"log": str(log[0]) if len(log) == 1 else list(map(str, log)), "robot": name}
-        inputs = {str(path): path for path in [*log, *message_files]}
-        origin = {"command": "replay", "configuration": of_log | configuration, "inputs": inputs}
-        drives.append(_Drive(log, name, robot, definitions, shared | {"origin": origin}))
+    for files, (name, robot) in product(files_of_logs, robots.items()):
+        log = str(files[0]) if len(files) == 1 else list(map(str, files))
+        inputs = {str(path): path for path in [*files, *message_files]}
+        origin = {"command": "replay", "inputs": inputs}
+        origin["configuration"] = {"log": log, "robot": name} | configuration
+        drives.append(_Drive(files, name, robot, definitions, shared | {"origin": origin}))
+    make_tables: MakeTable
     with results_folder(out, f"icreckon-replay-{paths[0].stem}", overwrite=overwrite) as folder:
         if len(drives) == 1:
-            drive = drives[0]
-            failed = compare_and_report(
-                drive.log(), drive.robot, folder, as_json=as_json, wide=wide, **drive.options
-            )
+            (drive,) = drives
+            summary, _ = compare_and_write(drive.log(), drive.robot, folder, **drive.options)
+            failed, make_tables = failures(summary), results_table
         else:
             # Unique labels, which are also names of folders.
             taken = (PAGE_FILE, RESULTS_FILE, MANIFEST)
-            of_logs = many.unique([many.label_of(log[0]) for log in files_of], taken)
-            of_robots = many.unique([many.label_of(Path(name)) for name in robots], taken)
-            cases = [many.Case(log, robot) for log, robot in product(of_logs, of_robots)]
+            log_labels = many.unique([many.label_of(files[0]) for files in files_of_logs], taken)
+            robot_labels = many.unique([many.label_of(Path(name)) for name in robots], taken)
+            cases = [many.Case(*labels) for labels in product(log_labels, robot_labels)]
             summary = _many(dict(zip(cases, drives, strict=True)), folder, configuration)
-            failed = many_failures(summary)
-            show(folder, many_tables, summary, WIDE_FROM, as_json=as_json, wide=wide)
+            failed, make_tables = many_failures(summary), many_tables
+        show(folder, make_tables, summary, WIDE_FROM, as_json=as_json, wide=wide)
     exit_if_failed(failed)
 
 

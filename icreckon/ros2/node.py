@@ -118,16 +118,16 @@ class OdometryNode:
         self._warn_of_state_file()
         self._statuses = LiveStatuses(self.live)
         self._slip_watch = SlipWatch(self.live.robot.vehicle.track_gauge)
+        # Inputs that nobody publishes yet, and those on which nothing has come.
         self._missing = list(self.live.inputs.subscriptions())
-        self._inbox = Inbox()
-        self._classes: dict[str, Any] = {}
-        self._last_message = self._started = time.monotonic()
         self._silent = list(self._missing)
-        self._last_slow = 0
+        self._inbox = Inbox()
+        self._classes: dict[str, Any] = {}  # of messages, by type
+        self._last_message = self._started = time.monotonic()  # [s]
+        self._last_slow = 0  # stamp of the last slip and markers [ns]
         self._check_qos()
         self._make_publishers()
         self._check_topics()
-        self._listen_for_pose()
         self._make_services()
         self._make_timers()
         self._check_state_file()
@@ -164,20 +164,18 @@ class OdometryNode:
             name for name in overrides if not name.startswith(parameters.OF_QOS)
         ):
             self._warn(text)
-        defaults = {
-            option.name: option.default for option in msgspec.structs.fields(parameters.NodeOptions)
-        }
-        given = {"robot": robot, "variant": variant}
-        values = {}
-        for name, default in defaults.items():
+        values: dict[str, Any] = {}
+        for option in msgspec.structs.fields(parameters.NodeOptions):
+            name, default = option.name, option.default
             # Any type is taken here: `options_from` converts 2 to 2.0 and has the better messages.
             descriptor = ParameterDescriptor(
                 description=parameters.DESCRIPTIONS[name], read_only=True, dynamic_typing=True
             )
             parameter = self.node.declare_parameter(name, default, descriptor)
             # An empty list has no value.
-            value = default if parameter.value is None else parameter.value
-            values[name] = value if given.get(name) is None else given[name]
+            values[name] = default if parameter.value is None else parameter.value
+        given = {"robot": robot, "variant": variant}
+        values |= {name: value for name, value in given.items() if value is not None}
         return parameters.options_from(values)
 
     def _check_qos(self) -> None:
@@ -191,32 +189,29 @@ class OdometryNode:
 
     def _make_publishers(self) -> None:
         options, has_map = self.options, self.live.map is not None
-        self._odometry = self._publisher("odom", 100, ros.ODOMETRY)
-        self._map_pose = None
-        if has_map:
-            self._map_pose = self._publisher("pose_in_map", 10, ros.POSE_WITH_COVARIANCE)
-        self._tf = None
-        if options.publish_tf or (options.publish_map_tf and has_map):
-            self._tf = self._publisher("/tf", 100, ros.TF, ros.TRANSFORM)
-        self._markers = None
-        if options.icr_markers:
-            self._markers = self._publisher("icrs", 10, ros.MARKERS, ros.MARKER, ros.POINT)
+        has_tf = options.publish_tf or (options.publish_map_tf and has_map)
+        marker_types = (ros.MARKERS, ros.MARKER, ros.POINT)
+        new = self._publisher
+        self._odometry = new("odom", 100, ros.ODOMETRY)
+        self._map_pose = new("pose_in_map", 10, ros.POSE_WITH_COVARIANCE) if has_map else None
+        self._tf = new("/tf", 100, ros.TF, ros.TRANSFORM) if has_tf else None
+        self._markers = new("icrs", 10, *marker_types) if options.icr_markers else None
         self._slip, self._learnt, self._diagnostics = (
-            self._publisher(topic, 10, ros.DIAGNOSTICS, ros.STATUS, ros.KEY_VALUE)
+            new(topic, 10, ros.DIAGNOSTICS, ros.STATUS, ros.KEY_VALUE)
             for topic in ("slip", "learnt_parameters", "/diagnostics")
         )
 
     def _check_topics(self) -> None:
         """Refuse to listen to the node's own poses."""
-        outputs = (self._odometry, self._map_pose)
+        publishers = filter(None, (self._odometry, self._map_pose))
+        own_topics = [publisher.topic_name for publisher in publishers]
         for subscription in self._missing:
             topic = self.node.resolve_topic_name(subscription.topic)
-            for publisher in outputs:
-                if publisher is not None and publisher.topic_name == topic:
-                    raise EstimatorError(
-                        f"topic {topic} is an input ({subscription.purpose}) and the node's own output: "
-                        "give it a namespace, as --ros-args -r __ns:=/icreckon"
-                    )
+            if topic in own_topics:
+                raise EstimatorError(
+                    f"topic {topic} is an input ({subscription.purpose}) and the node's own output: "
+                    "give it a namespace, as --ros-args -r __ns:=/icreckon"
+                )
 
     def _check_state_file(self) -> None:
         """Warn at the start, and not after an hour, if nothing learnt can be kept."""
@@ -225,8 +220,7 @@ class OdometryNode:
         folder = self._state_file.parent
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            with TemporaryFile(dir=folder):
-                pass
+            TemporaryFile(dir=folder).close()
         except OSError as problem:
             self._warn(
                 f"state_file {self._state_file} cannot be written, so nothing is kept: {problem}"
@@ -244,10 +238,16 @@ class OdometryNode:
         return self._classes[msgtype]()
 
     def _make_services(self) -> None:
+        """Offer to save and to reset, and to take initial poses if there is a map."""
         from std_srvs.srv import Trigger
 
         self.node.create_service(Trigger, "~/save", self._on_save)
         self.node.create_service(Trigger, "~/reset", self._on_reset)
+        if self.live.map is not None:
+            kind = message_class(ros.POSE_WITH_COVARIANCE)
+            self.node.create_subscription(
+                kind, "initialpose", self._on_initial_pose, 1, qos_overriding_options=overridable()
+            )
 
     def _make_timers(self) -> None:
         from rclpy.clock import Clock, JumpThreshold
@@ -273,42 +273,30 @@ class OdometryNode:
         """Subscribe to the inputs that have a publisher by now, until all have one."""
         for subscription in list(self._missing):
             try:
-                found = find_topic(self.node, subscription)
-                if found is None:
-                    continue
-                msgtype, is_reliable = found
-                self._subscribe(subscription, msgtype, reliable=is_reliable)
+                published = find_topic(self.node, subscription)
+                if published is not None:
+                    self._subscribe(subscription, *published)
+                    self._missing.remove(subscription)
             except ReplayError as problem:
                 self._warn(str(problem))
-                continue
-            self._missing.remove(subscription)
         if not self._missing:
             self._discovery.cancel()
 
-    def _subscribe(self, subscription: Subscription, msgtype: str, *, reliable: bool) -> None:
-        options = self.options
-        qos = input_qos(
-            subscription, options.input_reliability, options.input_depth, reliable=reliable
-        )
-        from rclpy import subscription as of_rclpy
+    def _subscribe(self, subscription: Subscription, msgtype: str, reliability: str) -> None:
+        """Subscribe to an input of a type; `reliability` is that of its publishers."""
+        from rclpy import subscription as rclpy_subscription
 
+        depth, wanted = self.options.input_depth, self.options.input_reliability
+        qos = input_qos(subscription, depth, reliability if wanted == "auto" else wanted)
         callback = partial(self._on_message, subscription, msgtype)
-        if not hasattr(of_rclpy, "MessageInfo"):
+        if not hasattr(rclpy_subscription, "MessageInfo"):
             callback = partial(callback, info=NO_TIMES)
         kind = message_class(msgtype)
         created = self.node.create_subscription(
             kind, subscription.topic, callback, qos, qos_overriding_options=overridable()
         )
-        self._inbox.add(Queue(subscription, msgtype, created, options.input_depth))
+        self._inbox.add(Queue(subscription, msgtype, created, depth))
         self._log.info(f"{subscription.purpose}: {subscription.topic} ({msgtype})")
-
-    def _listen_for_pose(self) -> None:
-        """Subscribe to initial poses, such as those from RViz, if there is a map."""
-        if self.live.map is not None:
-            kind = message_class(ros.POSE_WITH_COVARIANCE)
-            self.node.create_subscription(
-                kind, "initialpose", self._on_initial_pose, 1, qos_overriding_options=overridable()
-            )
 
     def _on_initial_pose(self, message: Any) -> None:
         frame, wanted = message.header.frame_id, self.options.map_frame
@@ -332,21 +320,18 @@ class OdometryNode:
 
     def _take_messages(self) -> None:
         """Feed the waiting messages and publish; what cannot be used is warned of."""
+        is_simulated = self.node.get_clock().ros_time_is_active
         for received in self._inbox.take():
             self._last_message = time.monotonic()
+            subscription, msgtype, message, _ = received
             arrival = received.arrival(self._now())
             try:
-                found = self.live.take(
-                    received.subscription,
-                    received.msgtype,
-                    received.message,
-                    arrival,
-                    self._steady(),
-                )
+                steady = None if is_simulated else time.monotonic_ns()
+                estimates = self.live.take(subscription, msgtype, message, arrival, steady)
             except IcreckonError as problem:
                 self._warn(str(problem))
             else:
-                self._publish(found)
+                self._publish(estimates)
             self._inbox.worked()
 
     def _flush_if_quiet(self) -> None:
@@ -367,10 +352,6 @@ class OdometryNode:
     def _now(self) -> int:
         return int(self.node.get_clock().now().nanoseconds)
 
-    def _steady(self) -> int | None:
-        """Time of the monotonic clock [ns]; None if time is simulated."""
-        return None if self.node.get_clock().ros_time_is_active else time.monotonic_ns()
-
     # --- outputs -----------------------------------------------------------------------------------
 
     def _publish(self, estimates: list[LiveEstimate]) -> None:
@@ -384,36 +365,34 @@ class OdometryNode:
                 message = self._new(ros.TF)
                 message.transforms = transforms
                 self._tf.publish(message)
-            placed = None if self._map_pose is None else estimate.in_map(planar=planar)
-            if self._map_pose is not None and placed is not None:
+            in_map = estimate.in_map(planar=planar)
+            if self._map_pose is not None and in_map is not None:
                 pose = self._new(ros.POSE_WITH_COVARIANCE)
-                self._map_pose.publish(fill_pose(pose, estimate.stamp, options.map_frame, placed))
+                self._map_pose.publish(fill_pose(pose, estimate.stamp, options.map_frame, in_map))
             if abs(estimate.stamp - self._last_slow) >= PERIOD * 1e9:
                 self._last_slow = estimate.stamp
                 self._publish_slowly(estimate)
 
     def _transforms(self, estimate: LiveEstimate) -> list[Any]:
+        """Transforms from odom to base and, once there are fixes, from map to odom."""
         options, planar = self.options, self.options.two_d_mode
-        map_frame, odom, base = options.map_frame, options.odom_frame, options.base_frame
-        wanted = []
+        links = []
         if options.publish_tf:
-            wanted.append((odom, base, estimate.in_odom(planar=planar)))
-        if options.publish_map_tf and (placed := estimate.odom_in_map(planar=planar)) is not None:
-            wanted.append((map_frame, odom, placed))
-        return [
-            fill_transform(self._new(ros.TRANSFORM), estimate.stamp, *transform)
-            for transform in wanted
-        ]
+            pose = estimate.in_odom(planar=planar)
+            links.append((options.odom_frame, options.base_frame, pose))
+        if options.publish_map_tf and (odom := estimate.odom_in_map(planar=planar)) is not None:
+            links.append((options.map_frame, options.odom_frame, odom))
+        return [fill_transform(self._new(ros.TRANSFORM), estimate.stamp, *link) for link in links]
 
     def _publish_slowly(self, estimate: LiveEstimate) -> None:
         """Publish slip and ICR markers."""
-        live, gauge = self.live, self.live.robot.vehicle.track_gauge
+        live = self.live
         if live.tracks is not None:
-            found = self._slip_watch.look(live.newest, live.tracks)
-            self._publish_statuses(self._slip, estimate.stamp, found)
+            statuses = self._slip_watch.look(live.newest, live.tracks)
+            self._publish_statuses(self._slip, estimate.stamp, statuses)
         if self._markers is not None:
-            points = icr_points(estimate.indices, gauge)
-            icrs = IcrPoints(*(live.base.point(*point) for point in points))
+            points = icr_points(estimate.indices, live.robot.vehicle.track_gauge)
+            icrs = IcrPoints(*(live.base.point(x, y) for x, y in points))
             array = self._new(ros.MARKERS)
             fill_icr_markers(array, estimate.stamp, self.options.base_frame, icrs, self._new)
             self._markers.publish(array)
@@ -467,10 +446,9 @@ class OdometryNode:
     # --- services ----------------------------------------------------------------------------------
 
     def _on_save(self, _: Any, response: Any) -> Any:
-        if self._state_file is None:
-            response.success, response.message = False, "give the parameter state_file"
-            return response
-        problem = self._save_learnt()
+        problem: str | None = "give the parameter state_file"
+        if self._state_file is not None:
+            problem = self._save_learnt()
         response.success = problem is None
         response.message = problem or f"saved to {self._state_file}"
         return response

@@ -6,14 +6,15 @@ from typing import Any
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.live.inputs import Subscription
 from icreckon.replay.reading.stream import unreadable
-from icreckon.ros2.parameters import QOS_POLICIES, Reliability
+from icreckon.ros2.parameters import QOS_POLICIES
 
 
-def find_topic(node: Any, subscription: Subscription) -> tuple[str, bool] | None:
+def find_topic(node: Any, subscription: Subscription) -> tuple[str, str] | None:
     """Find a topic in the ROS graph.
 
     Returns:
-        Its first supported type, and whether all supported publishers are reliable; None without any.
+        Its first supported type, and "reliable" if all supported publishers are, else "best_effort"; None
+        without any.
 
     Raises:
         ReplayError: none of its types is supported for this stream.
@@ -32,10 +33,9 @@ def find_topic(node: Any, subscription: Subscription) -> tuple[str, bool] | None
         types = sorted({publisher.topic_type for publisher in publishers})
         purpose, readable = subscription.purpose, subscription.types
         raise ReplayError(unreadable(subscription.topic, types, purpose, readable))
-    reliable = all(
-        publisher.qos_profile.reliability == ReliabilityPolicy.RELIABLE for publisher in supported
-    )
-    return supported[0].topic_type, reliable
+    reliabilities = {publisher.qos_profile.reliability for publisher in supported}
+    are_reliable = reliabilities == {ReliabilityPolicy.RELIABLE}
+    return supported[0].topic_type, "reliable" if are_reliable else "best_effort"
 
 
 def message_class(msgtype: str) -> Any:
@@ -62,17 +62,13 @@ def overridable() -> Any:
     return QoSOverridingOptions([QoSPolicyKind[policy.upper()] for policy in QOS_POLICIES])
 
 
-def input_qos(
-    subscription: Subscription, reliability: Reliability, depth: int, *, reliable: bool
-) -> Any:
-    """QoS profile of an input."""
+def input_qos(subscription: Subscription, depth: int, reliability: str) -> Any:
+    """QoS profile of an input, "reliable" or "best_effort"."""
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-    wanted = reliable if reliability == "auto" else reliability == "reliable"
+    durability = "TRANSIENT_LOCAL" if subscription.latched else "VOLATILE"
     return QoSProfile(
         depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE if wanted else ReliabilityPolicy.BEST_EFFORT,
-        durability=(
-            DurabilityPolicy.TRANSIENT_LOCAL if subscription.latched else DurabilityPolicy.VOLATILE
-        ),
+        reliability=ReliabilityPolicy[reliability.upper()],
+        durability=DurabilityPolicy[durability],
     )

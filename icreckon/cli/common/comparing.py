@@ -1,16 +1,17 @@
-"""Common body of `demo` and `replay`: compare, write the report, show the table."""
+"""Steps of several commands: load the robot, read a log, compare, report."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from icreckon.cli.common.compiling import compile_side_by_side
-from icreckon.cli.common.console import progress, show, worker_count, working
+from icreckon.cli.common.console import progress, worker_count, working
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot, robot_names
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.tracing.kernel_cache import kernel_files, warn_unless_kept
+from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, compare
 from icreckon.replay.comparison.fixes import LogPart
@@ -18,9 +19,9 @@ from icreckon.replay.comparison.many import Case, CaseScores, case_scores
 from icreckon.replay.comparison.results import Results, summarise
 from icreckon.replay.export.folder import write_exports
 from icreckon.replay.export.formats import DEFAULT_FORMATS, check_formats
+from icreckon.replay.reading.gather import source_name
+from icreckon.replay.reading.read_log import read_log
 from icreckon.report.replay.folder import write_views
-from icreckon.report.replay.page_text import failures
-from icreckon.report.replay.tables import WIDE_FROM, results_table
 
 # Functions that all streaming filters compile, and those of a kind of motion model: linear, or not.
 SHARED_KERNELS, KERNELS_OF_A_KIND = 8, 9
@@ -79,22 +80,10 @@ def kernels_of(variants: Iterable[str]) -> int:
     return SHARED_KERNELS + KERNELS_OF_A_KIND * len(kinds)
 
 
-def compare_and_report(
-    log: Log,
-    robot: Robot,
-    folder: Path,
-    *,
-    as_json: bool = False,
-    wide: bool = False,
-    **options: Any,
-) -> list[str]:
-    """Run the variants over a log, write a report, and print the table or the JSON.
-
-    Returns the messages on variants without a result, for `exit_if_failed`.
-    """
-    summary, _ = compare_and_write(log, robot, folder, **options)
-    show(folder, results_table, summary, WIDE_FROM, as_json=as_json, wide=wide)
-    return failures(summary)
+def read(files: list[Path], robot: Robot, definitions: Definitions) -> Log:
+    """Read a log, with a progress bar."""
+    with progress(f"reading {source_name(files)}") as report:
+        return read_log(files, robot, definitions=definitions, progress=report)
 
 
 def the_robot(name: str | None, paths: Sequence[Path]) -> tuple[str, Robot]:

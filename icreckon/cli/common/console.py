@@ -127,8 +127,9 @@ class _Title(ProgressColumn):
     def __init__(self, compiles: int) -> None:
         super().__init__(table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"))
         self._compiles = compiles
-        # Kernels at the first look; and kernels, progress [-], time [s] when the bar moved last.
-        self._kernels_at_start, self._kernels, self._completed, self._moved = -1, -1, -1.0, 0.0
+        self._kernels_at_start: int | None = None
+        # When the bar moved last: kernels on disk, progress [-], time [s].
+        self._kernels, self._completed, self._moved = 0, -1.0, 0.0
 
     def render(self, task: Task) -> Text:
         """Text of the column."""
@@ -137,13 +138,14 @@ class _Title(ProgressColumn):
         from icreckon.estimator.tracing.kernel_cache import environment_digest, kernel_files
 
         own = environment_digest("estimator")
-        count, now = sum(path.parent.name == own for path in kernel_files()), task.elapsed or 0.0
-        if self._kernels_at_start < 0:
+        count = sum(path.parent.name == own for path in kernel_files())
+        now = task.elapsed or 0.0
+        if self._kernels_at_start is None:
             self._kernels_at_start = count
         if task.completed != self._completed:
             self._kernels, self._completed, self._moved = count, task.completed, now
-        is_new = count > self._kernels or (not self._kernels_at_start and not task.completed)
-        if not is_new or now - self._moved > LONGEST_COMPILATION:
+        compiles = count > self._kernels or (not self._kernels_at_start and not task.completed)
+        if not compiles or now - self._moved > LONGEST_COMPILATION:
             return Text(task.description)
         of_all = f"/{self._compiles}" if count <= self._compiles else ""
         return Text(f"compiling filters (first run only) {count}{of_all}")

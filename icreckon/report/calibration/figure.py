@@ -33,8 +33,9 @@ def write_calibration_figure(path: Path, results: Results) -> None:
         _draw_scores(figure.add_subplot(grid[0, 1]), results)
         _draw_errors_by_turning(figure.add_subplot(grid[1, 1]), results)
         _draw_certainty(figure.add_subplot(grid[2, 1]), results)
-        whole_words: Any = {"break_long_words": False, "break_on_hyphens": False}
-        verdict = fill(results["verdict"], LINE_LENGTH, **whole_words)
+        verdict = fill(
+            results["verdict"], LINE_LENGTH, break_long_words=False, break_on_hyphens=False
+        )
         figure.suptitle(printable(verdict), fontsize=11)
         figure.savefig(path, dpi=110)
 

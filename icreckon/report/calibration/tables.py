@@ -39,28 +39,27 @@ def parameter_table(results: Results, *, narrow: bool = False) -> Table:
         in_file = "" if parameter["before"] is None else f"{parameter['before']:.5g}"
         if in_file and parameter["before_is_default"] and not narrow:
             in_file += " (= default)"
-        cells = [
-            Cell(_rounded_to_error(parameter["value"], parameter["sigma"])),
-            *_error_cells(parameter, narrow=narrow),
-            Cell(parameter["unit"]),
-            Cell(in_file),
-            Cell(STATUS[parameter["status"]] + note, "wrap"),
-        ]
-        rows.append((name, cells))
-    file = "robot\nfile" if narrow else "robot file"
-    errors = ["error/on\nother logs"] if narrow else ["standard\nerror", "on other\nlogs"]
-    head = ["parameter", "value", *errors, "unit", file, "the logs"]
-    return Table(f"parameters of {results['robot']['name']}", head, rows)
-
-
-def _error_cells(parameter: Results, *, narrow: bool) -> list[Cell]:
-    """Standard errors for the given logs and for others; in one cell if narrow."""
-    if parameter["sigma"] is None:
-        return [Cell("")] if narrow else [Cell(""), Cell("")]
-    own, other = (f"{parameter[key]:#.2g}" for key in ("sigma", "sigma_other_logs"))
+        # Standard errors for the given logs and for others, in one cell if narrow.
+        errors = ["", ""]
+        if parameter["sigma"] is not None:
+            errors = [f"{parameter[key]:#.2g}" for key in ("sigma", "sigma_other_logs")]
+        if narrow:
+            errors = ["/".join(dict.fromkeys(errors))]
+        value = _rounded_to_error(parameter["value"], parameter["sigma"])
+        cells = [Cell(text) for text in (value, *errors, parameter["unit"], in_file)]
+        rows.append((name, [*cells, Cell(STATUS[parameter["status"]] + note, "wrap")]))
+    head = [
+        "parameter",
+        "value",
+        "standard\nerror",
+        "on other\nlogs",
+        "unit",
+        "robot file",
+        "the logs",
+    ]
     if narrow:
-        return [Cell(own if own == other else f"{own}/{other}")]
-    return [Cell(own), Cell(other)]
+        head = ["parameter", "value", "error/on\nother logs", "unit", "robot\nfile", "the logs"]
+    return Table(f"parameters of {results['robot']['name']}", head, rows)
 
 
 def log_table(results: Results, *, narrow: bool = False) -> Table:
@@ -71,23 +70,22 @@ def log_table(results: Results, *, narrow: bool = False) -> Table:
         if log["truth_lag_s"] is not None:
             lag = f"{log['truth_lag_s']:.3f} ± {log['truth_lag_sigma_s']:.3f}"
         texts = [
+            log["name"],
             f"{log['gyro_bias_rad_s']:.5f} ± {log['gyro_bias_sigma_rad_s']:.5f}",
             lag,
             f"{log['distance_m']:.0f}",
             f"{log['moving_segments']}, {log['still_segments']}",
         ]
-        rows.append((log["name"], texts))
+        rows.append(texts)
     head = ["log", "gyro bias\nrad/s", "truth late\ns", "distance\nm", "segments\nmoving, still"]
-    return _text_table("logs", head, rows, left_out=1 if narrow else 0)
+    return _text_table("logs", head, rows, narrow=narrow)
 
 
-def _text_table(
-    title: str, head: list[str], rows: list[tuple[str, list[str]]], *, left_out: int
-) -> Table:
-    """Table of names and texts, without its last `left_out` columns."""
-    columns = len(head) - left_out
-    cells = [(name, list(map(Cell, texts[: columns - 1]))) for name, texts in rows]
-    return Table(title, head[:columns], cells)
+def _text_table(title: str, head: list[str], rows: list[list[str]], *, narrow: bool) -> Table:
+    """Table of texts, without its last column if narrow."""
+    if narrow:
+        head, rows = head[:-1], [row[:-1] for row in rows]
+    return Table(title, head, [(name, list(map(Cell, texts))) for name, *texts in rows])
 
 
 def model_table(results: Results, *, narrow: bool = False) -> Table:
@@ -96,12 +94,13 @@ def model_table(results: Results, *, narrow: bool = False) -> Table:
     for name, scores in results["models"].items():
         low, high = scores["held_out_drift_percent_interval_95"]
         texts = [
+            f"{name} *" if name == results["supported_model"] else name,
             str(scores["parameters_found"]),
             f"{scores['held_out_drift_percent']:.2f} ({low:.2f} to {high:.2f})",
             f"{scores['held_out_drift_with_gyro_percent']:.2f}",
             f"{scores['held_out_log_likelihood_per_segment']:.2f}",
         ]
-        rows.append((f"{name} *" if name == results["supported_model"] else name, texts))
+        rows.append(texts)
     head = [
         "model",
         "parameters\nfound",
@@ -110,7 +109,7 @@ def model_table(results: Results, *, narrow: bool = False) -> Table:
         "log likelihood\nof a segment",
     ]
     title = "models, predicting what they were not fitted to; * the one that the logs support"
-    return _text_table(title, head, rows, left_out=1 if narrow else 0)
+    return _text_table(title, head, rows, narrow=narrow)
 
 
 def footnotes(results: Results) -> list[str]:

@@ -118,50 +118,46 @@ def drift_picture(results: Results) -> Named | None:
     """
     horizon = horizon_of(results)
     key = f"drift_percent_{horizon}"
-    row_drifts = []
-    for heading, is_pooled, scores_of in _picture_rows(results):
+    row_drifts, edges = [], []
+    for heading, is_pooled, variants in _picture_rows(results):
         # Drift of each filter that has one, with its interval [%].
         drifts: dict[str, tuple[float, list[float] | None]] = {
             name: (scores[f"{key}_mean"], scores[f"{key}_95"])
-            for name, scores in page_text.filtered({"variants": scores_of}).items()
+            for name, scores in page_text.filtered(variants).items()
             if scores.get(f"{key}_mean")
         }
         if drifts:
             row_drifts.append((heading, is_pooled, drifts))
+        for drift, interval in drifts.values():
+            edges += [drift, *(interval or ())]
     if not row_drifts:
         return None
-    edges = [
-        edge
-        for _, _, drifts in row_drifts
-        for drift, interval in drifts.values()
-        for edge in (drift, *(interval or ()))
-        if edge > 0.0
-    ]
+    edges = [edge for edge in edges if edge > 0.0]
     ticks = _ticks(min(edges), max(edges))
     low, *_, high = ticks
 
     def place(drift: float) -> float:
         return round(100.0 * math.log(max(drift, low) / low) / math.log(high / low), 2)
 
-    variants: dict[str, Named] = {}
+    legend: dict[str, Named] = {}
     rows, top = [], 0
     for heading, is_pooled, drifts in row_drifts:
         marks = []
         for line, (name, (drift, interval)) in enumerate(drifts.items()):
             light = colour_of(name)
-            variants.setdefault(name, Named(name=name, light=light, dark=on_dark(light)))
+            legend.setdefault(name, Named(name=name, light=light, dark=on_dark(light)))
             y = top + LABEL_HEIGHT + MARK_HEIGHT * line + MARK_HEIGHT // 2
             ends = None if interval is None else tuple(map(place, interval))
             text = f"{name}: {number(drift)} %{interval_text(interval)}"
-            mark = Named(at=place(drift), interval=ends, y=y, variant=variants[name], text=text)
+            mark = Named(at=place(drift), interval=ends, y=y, variant=legend[name], text=text)
             marks.append(mark)
         y = top + LABEL_HEIGHT - 6
         rows.append(Named(label=heading, y=y, is_pooled=is_pooled, marks=marks))
         top += LABEL_HEIGHT + MARK_HEIGHT * len(drifts) + ROW_SPACE
     title = f"Drift {page_text.horizon_text(horizon)}, % of the distance, with 95 % intervals"
     labelled = [(place(tick), f"{tick:g} %") for tick in ticks]
-    shown = list(variants.values())
-    return Named(title=title, height=top, ticks=labelled, rows=rows, variants=shown)
+    names = list(legend.values())
+    return Named(title=title, height=top, ticks=labelled, rows=rows, variants=names)
 
 
 def _picture_rows(results: Results) -> Iterator[tuple[str, bool, Mapping[str, Any]]]:

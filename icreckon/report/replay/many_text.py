@@ -54,15 +54,15 @@ def _robot_text(pooled: Results) -> str:
 
 def _ratio_text(results: Results, robot: str) -> str:
     """Drift with a robot file over that with the first, of the best variant."""
-    ratios, horizon = results["ratios"][robot], horizon_of(results)
-    first = ratios["to"]
+    first, variants = results["ratios"][robot]["to"], results["ratios"][robot]["variants"]
+    horizon = horizon_of(results)
     verdicts = [results["pooled"][name]["verdict"] for name in (robot, first)]
-    known = [verdict for verdict in verdicts if verdict and verdict["best"] in ratios["variants"]]
-    if not known:
+    compared = [verdict for verdict in verdicts if verdict and verdict["best"] in variants]
+    if not compared:
         return f"{robot} cannot be compared with {first}: no segment is scored with both."
-    best = min(known, key=lambda verdict: float(verdict["drift_percent"]))["best"]
+    best = min(compared, key=lambda verdict: float(verdict["drift_percent"]))["best"]
     key = f"ratio_{horizon}"
-    ratio, interval = ratios["variants"][best][key], ratios["variants"][best][f"{key}_95"]
+    ratio, interval = variants[best][key], variants[best][f"{key}_95"]
     is_equal = page_text.number(ratio) == page_text.number(1.0)
     than = "as far as" if is_equal else f"{change(ratio)} than"
     text = (
@@ -71,12 +71,11 @@ def _ratio_text(results: Results, robot: str) -> str:
     )
     if interval is None:
         return f"{text} The logs are too short to say whether that is more than chance."
-    low, high = interval
-    if low <= 1.0 <= high:
+    if interval[0] <= 1.0 <= interval[1]:
         text += " That may be chance."
-    scores = ratios["variants"].get(DEFAULT_VARIANT)
-    if best != DEFAULT_VARIANT and scores is not None and scores[key] is not None:
-        drifts = f"drifts {change(scores[key])}{change_range(scores[f'{key}_95'])}"
+    ratios = variants.get(DEFAULT_VARIANT, {key: None})
+    if best != DEFAULT_VARIANT and ratios[key] is not None:
+        drifts = f"drifts {change(ratios[key])}{change_range(ratios[f'{key}_95'])}"
         text += f" {DEFAULT_VARIANT}, which learns as it drives, {drifts}."
     return text
 

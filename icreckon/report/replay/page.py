@@ -1,6 +1,7 @@
 """Self-contained HTML page of a comparison, made from its results only."""
 
 from collections.abc import Sequence
+from itertools import chain
 
 from icreckon.estimator.robot.robot_file import Vehicle
 from icreckon.replay.base.units import unit
@@ -16,8 +17,8 @@ from icreckon.report.replay.tables import (
     POSITION_COLUMNS,
     SCORE_COLUMNS,
     SPATIAL_COLUMNS,
-    THOUSANDTHS,
     Column,
+    scaled,
 )
 
 DEFAULT_HALF_LENGTH = Vehicle(mass=1.0, track_gauge=1.0, sprocket_radius=1.0).half_contact_length
@@ -122,16 +123,12 @@ def _horizons_with(results: Results, key: str) -> list[str]:
 
 
 def _score_table(results: Results, columns: Sequence[Column]) -> Table:
-    """Table of scores by variant; those of `THOUSANDTHS` are in mm/s and mrad/s."""
-
-    def text(value: float | None, key: str) -> str:
-        return number(1e3 * value if value is not None and key.startswith(THOUSANDTHS) else value)
-
-    rows = [
-        (name, [Cell(text(scores.get(key), key)) for _, key, _ in columns])
-        for name, scores in results["variants"].items()
-    ]
-    headings = [heading.replace("\n", ", ") for heading, _, _ in columns]
+    """Table of scores by variant."""
+    rows = []
+    for name, scores in results["variants"].items():
+        values = [scaled(scores.get(column.key), column.key) for column in columns]
+        rows.append((name, [Cell(number(value)) for value in values]))
+    headings = [column.heading.replace("\n", ", ") for column in columns]
     return Table("", ["variant", *headings], rows)
 
 
@@ -140,7 +137,8 @@ def _constant_table(results: Results) -> Table | None:
     variants_of: dict[tuple[str, str], list[str]] = {}
     for parameter, estimates in constant_parameters(results).items():
         for variant, (value, sigma) in estimates.items():
-            text = f"{_digits(value)} ± {_digits(2.0 * sigma)} {unit(parameter)}".removesuffix(" -")
+            text = f"{value:.3g} ± {2.0 * sigma:.3g} ".replace("-", "−") + unit(parameter)
+            text = text.removesuffix(" -")  # of a quantity without a unit
             variants_of.setdefault((parameter, text), []).append(variant)
     if not variants_of:
         return None
@@ -152,42 +150,38 @@ def _constant_table(results: Results) -> Table | None:
     return Table(title, ["parameter", "value ± 2σ", "variants"], rows)
 
 
-def _digits(value: float) -> str:
-    """Three significant digits, with a true minus sign."""
-    return f"{value:.3g}".replace("-", "−")
-
-
 def _innovation_table(results: Results) -> Table | None:
     """Share of large innovations by variant and component; None if there are none."""
-    variants = results["series"]["variants"]
-    innovations = {name: variants[name]["innovations"] for name in variants}
-    keys = (key for by_component in innovations.values() for key in by_component)
-    components = list(dict.fromkeys(keys))
+    variants = results["series"]["variants"].items()
+    # By variant, then by component.
+    innovations = {
+        name: series["innovations"] for name, series in variants if series["innovations"]
+    }
+    components = list(dict.fromkeys(chain.from_iterable(innovations.values())))
     if not components:
         return None
     rows = []
-    for name, by_component in innovations.items():
-        if not by_component:
-            continue
-        cells: list[Cell] = []
-        for component in components:
-            values = by_component.get(component, {}).get("normalised", [])
-            sizes = [abs(value) for value in values if value is not None]
-            if not sizes:
-                cells.append(Cell("–"))
-                continue
-            beyond_2, beyond_3 = (sum(size > bound for size in sizes) for bound in (2, 3))
-            percent = 100.0 / len(sizes)
-            cells.append(Cell(f"{percent * beyond_2:.1f} %", beneath=f"{percent * beyond_3:.1f} %"))
-        rows.append((name, cells))
+    for name, own in innovations.items():
+        values = (own.get(component, {}).get("normalised", []) for component in components)
+        rows.append((name, list(map(_share_cell, values))))
     title = "Share beyond ±2, and beneath it beyond ±3, of the innovations shown (ideal: 4.6 % and 0.3 %)"
     return Table(title, ["variant", *(key.replace("_", " ") for key in components)], rows)
+
+
+def _share_cell(normalised: Sequence[float | None]) -> Cell:
+    """Share of normalised innovations beyond 2, and beneath it beyond 3 [%]."""
+    sizes = [abs(value) for value in normalised if value is not None]
+    if not sizes:
+        return Cell("–")
+    beyond_2, beyond_3 = (sum(size > bound for size in sizes) for bound in (2, 3))
+    percent = 100.0 / len(sizes)
+    return Cell(f"{percent * beyond_2:.1f} %", beneath=f"{percent * beyond_3:.1f} %")
 
 
 def _dropped_by_filter(results: Results) -> Table:
     """Measurements used and rejected, NIS and standstill updates of each variant."""
     rows = []
-    for name, scores in page_text.filtered(results).items():
+    for name, scores in page_text.filtered(results["variants"]).items():
         used = ", ".join(f"{count} × {sensor}" for sensor, count in scores["used"].items() if count)
         rejected = page_text.rejections_text(scores) or "none"
         nis = ", ".join(f"{name} {number(mean)}" for name, mean in scores["nis"].items() if mean)

@@ -1,6 +1,7 @@
 """Text of a comparison's page, made from its results only."""
 
 import math
+from collections.abc import Mapping
 from itertools import combinations
 from typing import Any
 
@@ -164,7 +165,7 @@ def _next_best(verdict: Results, short: str) -> str:
 
 def _apart(results: Results) -> str:
     """Largest distance between the ends of two variants, without a truth."""
-    variants, reference = filtered(results), results["reference_variant"]
+    variants, reference = filtered(results["variants"]), results["reference_variant"]
     sigma = results["variants"][reference]["end_sigma_m"]
     unsure = f"{reference} gives its end no uncertainty"
     if sigma is not None:
@@ -209,8 +210,8 @@ def failures(results: Results) -> list[str]:
     for name, failure in results["failed"].items():
         names.setdefault(failure["reason"], []).append(name)
     return [
-        f"ERROR: {', '.join(of)} {'have' if len(of) > 1 else 'has'} no result: {reason}"
-        for reason, of in names.items()
+        f"ERROR: {', '.join(variants)} {'have' if len(variants) > 1 else 'has'} no result: {reason}"
+        for reason, variants in names.items()
     ]
 
 
@@ -271,38 +272,42 @@ def level_text(results: Results) -> str:
     )
 
 
-def lag_text(truth: Results) -> str:
-    """Lag that was removed from a truth, or that none was found."""
+def truth_correction(results: Results) -> str:
+    """Lag and lever arm that were removed from the truth; empty if it is as it was."""
+    truth = results["truth"]
+    x, y = truth["lever_arm_m"]
+    if truth["lag_s"] == x == y == 0.0:
+        return ""
     if truth["lag_s"] is None:
-        return "no lag, since none was found (a note says why)"
-    sigma = truth.get("lag_sigma_s")
-    error = "" if sigma is None else f" (± {sigma:.3f})"
-    return f"{truth['lag_s']:.2f} s{error} of lag"
-
-
-def arm_text(results: Results) -> str:
-    """Lever arm of the truth, and the variant whose it is: the best, or else the last."""
-    x, y = results["truth"]["lever_arm_m"]
-    verdict = results["verdict"]
-    name = list(filtered(results))[-1] if verdict is None else verdict["best"]
+        lag = "no lag, since none was found (a note says why)"
+    else:
+        sigma = truth.get("lag_sigma_s")
+        error = "" if sigma is None else f" (± {sigma:.3f})"
+        lag = f"{truth['lag_s']:.2f} s{error} of lag"
     arm = f"lever arm of {x:.2f} m forward and {y:.2f} m left"
-    return f"{arm} for {name}, other variants by their own"
+    return f"{lag}, {arm} for {_leading(results)}, other variants by their own"
+
+
+def _leading(results: Results) -> str:
+    """Variant that stands for all: the best, or the last filter if none is scored."""
+    verdict = results["verdict"]
+    return str(verdict["best"]) if verdict else [*filtered(results["variants"]), ""][-1]
 
 
 def doubts(results: Results) -> list[str]:
     """Contradictions of the log to the robot file: notes with a prefix of their own."""
-    found = results["log"]["notes"]
-    return [note.removeprefix(OF_ROBOT_FILE) for note in found if note.startswith(OF_ROBOT_FILE)]
+    doubting = (note for note in results["log"]["notes"] if note.startswith(OF_ROBOT_FILE))
+    return [note.removeprefix(OF_ROBOT_FILE) for note in doubting]
 
 
 def notes(results: Results) -> list[str]:
     """Findings about the log, and the corrections made."""
     lines, truth = [], results["truth"]
     if truth:
-        if truth["lag_s"] != 0.0 or any(truth["lever_arm_m"]):
+        if correction := truth_correction(results):
             lines.append(
-                f"Truth ({truth['source']}) corrected before scoring: {lag_text(truth)}, "
-                f"{arm_text(results)}: the position of base_link depends on the filter."
+                f"Truth ({truth['source']}) corrected before scoring: {correction}: the position of "
+                "base_link depends on the filter."
             )
         else:
             lines.append(f"Truth: {truth['source']}, taken as it is.")
@@ -324,16 +329,15 @@ def provenance(results: Results) -> str:
     return " · ".join(part for part in parts if part)
 
 
-def filtered(results: Results) -> dict[str, Any]:
+def filtered(variants: Mapping[str, Any]) -> dict[str, Any]:
     """Scores of the filtered variants, without smoothed ones."""
-    variants = results["variants"]
     return {name: scores for name, scores in variants.items() if not name.endswith(SMOOTHED)}
 
 
 def _known(variants: dict[str, Any], key: str) -> dict[str, float]:
-    """A score by name of the filters that have it."""
-    scores = {name: one.get(key) for name, one in filtered({"variants": variants}).items()}
-    return {name: float(score) for name, score in scores.items() if score is not None}
+    """Value of a score by variant, of the filters that have it."""
+    values = {name: scores.get(key) for name, scores in filtered(variants).items()}
+    return {name: float(value) for name, value in values.items() if value is not None}
 
 
 def lowest(variants: dict[str, Any], key: str) -> str | None:
@@ -371,7 +375,7 @@ def interval_text(interval: list[float] | None) -> str:
 def all_rejections(results: Results) -> list[str]:
     """Line with the largest count of rejections, by sensor and reason; or no line."""
     most: dict[str, tuple[int, str]] = {}
-    for scores in filtered(results).values():
+    for scores in filtered(results["variants"]).values():
         for sensor_and_reason, count in scores["rejected"].items():
             text = rejections_text(scores | {"rejected": {sensor_and_reason: count}})
             so_far = most.get(sensor_and_reason, (0, ""))
@@ -394,10 +398,9 @@ FAULT_TEXTS = {
 
 
 def found_faults(results: Results) -> tuple[str, dict[str, list[list[float]]]]:
-    """Best variant, else the last one, and the spans [s] of the faults that it found."""
-    variants, verdict = filtered(results), results["verdict"]
-    name = verdict["best"] if verdict else [*variants, ""][-1]
-    return name, variants[name]["fault_spans_s"] if name in variants else {}
+    """Leading variant, and the spans [s] of the faults that it found."""
+    name = _leading(results)
+    return name, results["variants"].get(name, {}).get("fault_spans_s", {})
 
 
 def fault_lines(results: Results) -> list[str]:

@@ -10,7 +10,7 @@ from rich.text import Text
 from icreckon.replay.base.errors import OF_ROBOT_FILE, OF_STAMPS, coarse_stamps
 from icreckon.replay.comparison.results import Results
 from icreckon.report.replay import page_text
-from icreckon.report.replay.page_text import CHECK_HINT, arm_text, lag_text, lowest, nees_text
+from icreckon.report.replay.page_text import CHECK_HINT, lowest, nees_text
 
 
 class Column(NamedTuple):
@@ -19,38 +19,39 @@ class Column(NamedTuple):
     heading: str
     key: str  # of a variant's scores
     decimals: int
+    is_important: bool = False  # kept on a narrow terminal before others
 
 
 BANNERS = (OF_ROBOT_FILE, OF_STAMPS)  # prefixes of notes that are banners above the table
 SCORE_COLUMNS = (
     Column("drift 10 s\n% of distance", "drift_percent_10s_mean", 2),
-    Column("drift 30 s\n% of distance", "drift_percent_30s_mean", 2),
+    Column("drift 30 s\n% of distance", "drift_percent_30s_mean", 2, True),
     Column("drift 60 s\n% of distance", "drift_percent_60s_mean", 2),
     Column("yaw drift\ndeg/m", "yaw_drift_deg_per_m", 3),
     Column("RMSE v_x\nmm/s", "rmse_v_x_m_s", 1),
     Column("RMSE v_y\nmm/s", "rmse_v_y_m_s", 1),
     Column("RMSE w\nmrad/s", "rmse_w_rad_s", 1),
-    Column("NEES pose\nideal 3", "nees_pose_mean", 1),
+    Column("NEES pose\nideal 3", "nees_pose_mean", 1, True),
 )
 # On the page alone.
 END_COLUMNS = (
-    Column("error at end\nm", "final_position_error_m", 2),
+    Column("error at end\nm", "final_position_error_m", 2, True),
     Column("error at end\ndeg", "final_yaw_error_deg", 1),
 )
 # Of a truth without headings.
 POSITION_COLUMNS = (
     *SCORE_COLUMNS[:3],
     END_COLUMNS[0],
-    Column("NEES position\nideal 2", "nees_position_mean", 1),
+    Column("NEES position\nideal 2", "nees_position_mean", 1, True),
 )
 DIFFERENCE_COLUMNS = (
     Column("distance\nm", "distance_m", 1),
-    Column("end x\nm", "end_x_m", 2),
-    Column("end y\nm", "end_y_m", 2),
-    Column("end yaw\ndeg", "end_yaw_deg", 1),
-    Column("own sigma\nat end, m", "end_sigma_m", 2),
+    Column("end x\nm", "end_x_m", 2, True),
+    Column("end y\nm", "end_y_m", 2, True),
+    Column("end yaw\ndeg", "end_yaw_deg", 1, True),
+    Column("own sigma\nat end, m", "end_sigma_m", 2, True),
     Column("end apart\nm", "end_apart_m", 2),
-    Column("apart 30 s\n% of distance", "apart_percent_30s_mean", 2),
+    Column("apart 30 s\n% of distance", "apart_percent_30s_mean", 2, True),
     Column("end yaw\napart, deg", "end_yaw_apart_deg", 1),
 )
 # Of a truth in three dimensions.
@@ -61,20 +62,7 @@ SPATIAL_COLUMNS = (
     Column("height error\nat end, m", "final_height_error_m", 2),
     Column("own sigma\nat end, m", "final_height_sigma_m", 2),
 )
-THOUSANDTHS = ("rmse_",)  # prefixes of scores that are printed in mm/s and mrad/s
-# Columns that a narrow terminal has first, and the width that has room for all [characters].
-IMPORTANT = (
-    "drift_percent_30s_mean",
-    "final_position_error_m",
-    "nees_pose_mean",
-    "nees_position_mean",
-    "end_x_m",
-    "end_y_m",
-    "end_yaw_deg",
-    "end_sigma_m",
-    "apart_percent_30s_mean",
-)
-WIDE_FROM = 125
+WIDE_FROM = 125  # width of a terminal from which on a table has all columns [characters]
 
 
 def results_table(results: Results, *, narrow: int = 0) -> Group:
@@ -116,28 +104,31 @@ def results_table(results: Results, *, narrow: int = 0) -> Group:
 
 def _with_values(results: Results, columns: Sequence[Column]) -> list[Column]:
     """Columns with a value of any variant, and the drift of the verdict's horizon."""
-    verdict = results["verdict"]
-    if verdict is not None:
-        key = f"drift_percent_{verdict['horizon']}_mean"
-        if key not in [column.key for column in columns]:
-            heading = f"drift {page_text.seconds_text(verdict['horizon'])}\n% of distance"
-            columns = [Column(heading, key, 2), *columns]
+    key = _verdict_key(results)
+    if key and key not in [column.key for column in columns]:
+        horizon = page_text.seconds_text(results["verdict"]["horizon"])
+        columns = [Column(f"drift {horizon}\n% of distance", key, 2), *columns]
     variants = results["variants"].values()
     known = {key for scores in variants for key, value in scores.items() if value is not None}
     return [column for column in columns if column.key in known]
 
 
+def _verdict_key(results: Results) -> str:
+    """Key of the drift of the verdict; empty without a verdict."""
+    verdict = results["verdict"]
+    return f"drift_percent_{verdict['horizon']}_mean" if verdict else ""
+
+
 def _fitting(results: Results, columns: Sequence[Column], width: int) -> list[Column]:
     """Columns that fit a width [characters], the most important ones, in their order."""
-    verdict = results["verdict"]
-    first = [f"drift_percent_{verdict['horizon']}_mean"] if verdict else []
-    keys = [column.key for column in columns]
-    by_importance = [key for key in dict.fromkeys((*first, *IMPORTANT, *keys)) if key in keys]
+    first = _verdict_key(results)
     names = (*results["variants"], *results["failed"], "variant")
     # Borders and padding: 4 characters for the names, 3 for each other column.
     room = width - max(map(len, names)) - 4
     kept = set()
-    for column in sorted(columns, key=lambda column: by_importance.index(column.key)):
+    for column in sorted(
+        columns, key=lambda column: (column.key != first, not column.is_important)
+    ):
         cells = [_cell(scores, column, is_best=False) for scores in results["variants"].values()]
         texts = [*column.heading.split("\n"), *(cell.plain for cell in cells)]
         room -= max(map(len, texts)) + 3
@@ -173,8 +164,8 @@ def _footnotes(results: Results) -> list[str]:
     else:
         spans = ", ".join(f"{start:.0f}-{end:.0f} s" for start, end in truth["scored_s"])
         lines.append(f"Scored without fixes: {spans or 'nowhere long enough'}.{nees_text(results)}")
-        if truth["lag_s"] != 0.0 or any(truth["lever_arm_m"]):
-            lines.append(f"Truth corrected before scoring: {lag_text(truth)}, {arm_text(results)}.")
+        if correction := page_text.truth_correction(results):
+            lines.append(f"Truth corrected before scoring: {correction}.")
         if page_text.is_spatial(results):
             lines.append(page_text.level_text(results))
     lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]
@@ -184,9 +175,12 @@ def _footnotes(results: Results) -> list[str]:
 
 def _cell(scores: Results, column: Column, *, is_best: bool) -> Text:
     """Score of a variant, bold if the best; a dash if it has none."""
-    value = scores.get(column.key)
+    value = scaled(scores.get(column.key), column.key)
     if value is None:
         return Text("-")
-    if column.key.startswith(THOUSANDTHS):
-        value *= 1e3
     return Text(f"{value:.{column.decimals}f}", style="bold" if is_best else "")
+
+
+def scaled(value: float | None, key: str) -> float | None:
+    """Score of a key in the unit of its heading: RMSE in mm/s and mrad/s."""
+    return 1e3 * value if value is not None and key.startswith("rmse_") else value

@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Callable
-from functools import partial
 from itertools import cycle
 from typing import Any
 
@@ -16,7 +15,7 @@ from icreckon.replay.base.colours import COLOURS
 from icreckon.report.drawing import SIZE, drawing, png
 from icreckon.report.pages import Picture
 from icreckon.report.replay.page_drive import floats
-from icreckon.report.study.text import NEES, swept, title_of, unit_of
+from icreckon.report.study.text import NEES, statistic_of, swept
 from icreckon.simulation.study.cells import OUTAGE
 from icreckon.simulation.study.results import FINAL_ERROR, PERCENTILES, Results, shown
 from icreckon.simulation.study.summary import CONFIDENCE
@@ -66,44 +65,45 @@ def with_unit(axis: str) -> str:
 def study_figures(results: Results) -> list[Picture]:
     """Draw all figures of a study."""
     figures, drift = [], results["drift"]
+    drift_title = _title(results, drift)
     others = ", over all else that is swept" if len(swept(results)) > 1 else ""
     is_grid = len(swept(results)) == 2 and not any(axis["sampled"] for axis, _ in swept(results))
     if is_grid and _has_values(results, drift):
         figures.append(_grid(results))
     for axis, effect in swept(results):
-        draw = partial(_draw_effect, results=results, axis=axis, effect=effect)
-        place = re.sub(r"[^A-Za-z0-9]+", "-", axis["name"]).strip("-").lower()
+        name = re.sub(r"[^A-Za-z0-9]+", "-", axis["name"]).strip("-").lower()
         for prefix, statistic in (("drift", drift), ("final-error", FINAL_ERROR)):
             if _has_values(results, statistic):
-                title = _capital(title_of(results, statistic))
+                title = _title(results, statistic)
                 caption = f"{title} against {axis['name']}{others}: means and their 95 % intervals."
-                drawn = partial(draw, statistic=statistic)
-                figures.append(_drawn(f"{prefix}-{place}", caption, drawn))
+                figure_name = f"{prefix}-{name}"
+                data = (results, axis, effect, statistic)
+                figures.append(_picture(figure_name, caption, _draw_effect, *data))
         if _has_values(results, drift) and len(results["variants"]) > 1:
             caption = (
-                f"{_capital(title_of(results, drift))} over that of {results['baseline']} in the same "
-                f"runs, against {axis['name']}, with 95 % intervals. Below 1 a variant is better; an "
-                "interval that holds 1 shows no difference."
+                f"{drift_title} over that of {results['baseline']} in the same runs, against "
+                f"{axis['name']}, with 95 % intervals. Below 1 a variant is better; an interval that "
+                "holds 1 shows no difference."
             )
-            drawn = partial(draw, statistic=drift, key="ratio")
-            figures.append(_drawn(f"ratio-{place}", caption, drawn))
+            data = (results, axis, effect, drift)
+            figures.append(_picture(f"ratio-{name}", caption, _draw_effect, *data, "ratio"))
     if _has_values(results, NEES):
         caption = (
             "NEES of the pose at the end (error squared over the filter's own covariance), mean of "
             "the runs with its 95 % interval. Consistent filters lie in the grey band (chi-square "
             "with 3 degrees of freedom, over runs). Above it a filter is overconfident."
         )
-        figures.append(_drawn("consistency", caption, partial(_draw_consistency, results=results)))
+        figures.append(_picture("consistency", caption, _draw_consistency, results))
     if results["final_errors"][0]["percentiles"]:
         caption = f"Share of runs up to each position error at the end{others}."
-        drawn = partial(_draw_distribution, results=results)
-        figures.append(_drawn("final-error-distribution", caption, drawn))
+        figures.append(_picture("final-error-distribution", caption, _draw_distribution, results))
     return figures
 
 
-def _drawn(name: str, caption: str, draw: Callable[[Axes], None]) -> Picture:
+def _picture(name: str, caption: str, draw: Callable[..., None], *data: Any) -> Picture:
+    """Picture that `draw` draws of the data on axes of its own."""
     with drawing(SIZE, STYLE) as figure:
-        draw(figure.add_subplot())
+        draw(figure.add_subplot(), *data)
         return Picture(name, caption, png(figure, METADATA))
 
 
@@ -123,8 +123,11 @@ def _draw_effect(
     has_names = axis["scale"] == "names"
     places = np.arange(len(groups)) if has_names else floats([group["value"] for group in groups])
     means, highs = [], []
+    y_label = "{title}\n[{unit}]".format(**statistic_of(results, statistic))
     if key == "ratio":
         axes.axhline(1.0, color="black", lw=0.8)
+        title = statistic_of(results, statistic)["title"]
+        y_label = f"{title}\nover that of {results['baseline']} [-]"
     for number, label in enumerate(variants):
         if key == "ratio" and label == results["baseline"]:
             continue
@@ -141,16 +144,16 @@ def _draw_effect(
             axes.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)
         _mark_missing(axes, x, mean, colour)
         if axis["sampled"] and key == "mean":
-            _draw_cells(axes, results, axis["name"], label, statistic, colour)
+            # A dot for each cell of the Latin hypercube.
+            cells = results["cells"]
+            cell_x = floats([cell["values"][axis["name"]] for cell in cells])
+            cell_means = floats([cell["variants"][label][statistic]["mean"] for cell in cells])
+            axes.plot(cell_x, cell_means, ".", color=colour, ms=4, alpha=0.5)
         means.append(mean)
         highs.append(np.fmax(mean, high))
     _limit(axes, np.concatenate(means), np.concatenate(highs))
     _label_places(axes, axis, groups, places)
-    subject = f"[{unit_of(results, statistic)}]"
-    if key == "ratio":
-        subject = f"over that of {results['baseline']} [-]"
-    label = f"{title_of(results, statistic)}\n{subject}"
-    axes.set(xlabel=with_unit(axis["name"]), ylabel=label)
+    axes.set(xlabel=with_unit(axis["name"]), ylabel=y_label)
     _add_legend(axes)
 
 
@@ -184,16 +187,6 @@ def _mark_missing(axes: Axes, places: Any, values: Any, colour: str) -> None:
     style["transform"] = axes.get_xaxis_transform()
     style["label"] = "no result" if len(missing) else None
     axes.plot(missing, np.full(len(missing), 0.03), "x", **style)
-
-
-def _draw_cells(
-    axes: Axes, results: Results, axis: str, label: str, statistic: str, colour: str
-) -> None:
-    """Draw the mean of a variant in each cell of a Latin hypercube as a dot."""
-    cells = results["cells"]
-    x = floats([cell["values"][axis] for cell in cells])
-    means = floats([cell["variants"][label][statistic]["mean"] for cell in cells])
-    axes.plot(x, means, ".", color=colour, ms=4, alpha=0.5)
 
 
 def _grid(results: Results) -> Picture:
@@ -230,13 +223,12 @@ def _grid(results: Results) -> Picture:
             axes.set_visible(False)
         figure.supxlabel(with_unit(column_axis["name"]), fontsize=12)
         figure.supylabel(with_unit(row_axis["name"]).replace(" [", "\n["), fontsize=12, ma="center")
-        label = f"{title_of(results, drift)}\n[{unit_of(results, drift)}]"
+        label = "{title}\n[{unit}]".format(**statistic_of(results, drift))
         ticks = LogLocator(subs=(1.0, 2.0, 5.0)) if high > 5.0 * low else MaxNLocator(5)
         bar = figure.colorbar(image, ax=panels, label=label, ticks=ticks)
         bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         bar.ax.yaxis.set_minor_locator(NullLocator())
-        title = _capital(title_of(results, drift))
-        caption = f"{title} in each cell (mean of the runs), darker is more."
+        caption = f"{_title(results, drift)} in each cell (mean of the runs), darker is more."
         return Picture("drift-grid", caption, png(figure, METADATA))
 
 
@@ -377,5 +369,7 @@ def _colours(results: Results) -> dict[str, str]:
     return {label: COLOURS.get(label) or next(unused) for label in variants}
 
 
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+def _title(results: Results, statistic: str) -> str:
+    """Title of a statistic, which begins a caption."""
+    title: str = statistic_of(results, statistic)["title"]
+    return title[:1].upper() + title[1:]

@@ -1,8 +1,7 @@
 """Text and tables of a study, made from its results only."""
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 from icreckon.estimator.base.checks import is_finite
@@ -22,8 +21,7 @@ LONGEST_REASON = 60  # longest reason in a table [characters]; the list of failu
 NO_VALUE = "none to score"  # text for a statistic that a run lacks, as a drift without an outage
 
 
-@dataclass(frozen=True)
-class TextTable:
+class TextTable(NamedTuple):
     """Table with title, headings and rows; the first `texts` columns are text."""
 
     title: str
@@ -49,14 +47,16 @@ def headline(results: Results) -> str:
         return f"{ERROR}: over {runs}, {baseline} has no result; there is nothing to compare with."
     if overall[baseline][drift]["n"] == 0:
         return f"Over {runs}, nowhere long enough without fixes to score the drift of {baseline}."
-    after_horizon = title_of(results, drift).removeprefix("drift ")
+    after_horizon = statistic_of(results, drift)["title"].removeprefix("drift ")
     drifts = [cell["variants"][baseline][drift]["mean"] for cell in results["cells"]]
     known = [mean for mean in drifts if is_finite(mean)]
-    spread = f", {_number(min(known))} to {_number(max(known))} by cell" if len(known) > 1 else ""
-    middle = "the median drift of" if len(known) > 1 else "the drift of"
+    drift_text, spread = "the drift", ""
+    if len(known) > 1:
+        drift_text = "the median drift"
+        spread = f", {_number(min(known))} to {_number(max(known))} by cell"
     percent = _number(results["typical"][baseline]["median_percent"])
     distance = f"distance {after_horizon}{spread}"
-    sentences = [f"Over {runs}, {middle} {baseline} is {percent} % of {distance}."]
+    sentences = [f"Over {runs}, {drift_text} of {baseline} is {percent} % of {distance}."]
     sentences += [
         _comparison(results, name)
         for name in results["variants"]
@@ -71,16 +71,21 @@ def headline(results: Results) -> str:
 def _comparison(results: Results, name: str) -> str:
     """Drift of a variant against the baseline: in a typical cell, wins and losses."""
     baseline, typical = results["baseline"], results["typical"][name]
-    low, high = typical["ratio_low"], typical["ratio_high"]
     text = f"{name} drifts {change(typical['ratio'])} than {baseline}"
-    if is_finite(low) and is_finite(high):
-        text += change_range((low, high), "; not significant" if low <= 1.0 <= high else "")
+    if is_finite(typical["ratio_low"]) and is_finite(typical["ratio_high"]):
+        text += _significance(typical)
     text += _wins_and_losses(results, name)
     low, high = typical["end_ratio_low"], typical["end_ratio_high"]
     if is_finite(low) and any(map(_is_contradicted, results["typical"].values())):
         end_error = f"{change(typical['end_ratio'])}{change_range((low, high), '')}"
         text += f". Its error at the end is {end_error}"
     return f"{text}."
+
+
+def _significance(ratios: dict[str, Any]) -> str:
+    """Interval of a ratio in brackets, with a remark if it holds 1."""
+    low, high = ratios["ratio_low"], ratios["ratio_high"]
+    return change_range((low, high), "; not significant" if low <= 1.0 <= high else "")
 
 
 def _is_contradicted(typical: dict[str, Any]) -> bool:
@@ -94,20 +99,18 @@ def _wins_and_losses(results: Results, name: str) -> str:
 
     Names those of the largest win and loss. Empty for fewer than two cells with an interval.
     """
-
-    def ratio(cell: dict[str, Any], end: str = "") -> float:
-        value = cell["variants"][name][results["drift"]][f"ratio{end}"]
-        return math.nan if value is None else float(value)
-
-    cells = [cell for cell in results["cells"] if math.isfinite(ratio(cell) + ratio(cell, "_low"))]
-    if len(cells) < 2:
+    ratios = [(cell["variants"][name][results["drift"]], cell) for cell in results["cells"]]
+    keys = ("ratio", "ratio_low", "ratio_high")
+    known = [(drift, cell) for drift, cell in ratios if all(is_finite(drift[key]) for key in keys)]
+    if len(known) < 2:
         return ""
-    wins = [cell for cell in cells if ratio(cell, "_high") < 1.0]
-    losses = [cell for cell in cells if ratio(cell, "_low") > 1.0]
-    text = f", significantly less in {len(wins)} and more in {len(losses)} of {len(cells)} cells"
+    wins = [(drift["ratio"], cell) for drift, cell in known if drift["ratio_high"] < 1.0]
+    losses = [(drift["ratio"], cell) for drift, cell in known if drift["ratio_low"] > 1.0]
+    text = f", significantly less in {len(wins)} and more in {len(losses)} of {len(known)} cells"
     # The largest of either; none if there is none.
-    extremes = sorted(wins, key=ratio)[:1] + sorted(losses, key=ratio, reverse=True)[:1]
-    places = [f"{change(ratio(cell))} at {_values_text(cell)}" for cell in extremes]
+    extremes = sorted(wins, key=itemgetter(0))[:1]
+    extremes += sorted(losses, key=itemgetter(0), reverse=True)[:1]
+    places = [f"{change(ratio)} at {_values_text(cell)}" for ratio, cell in extremes]
     return f"{text}: {', '.join(places)}" if places else text
 
 
@@ -189,25 +192,29 @@ def _levels(results: Results) -> list[str]:
     known = [name for name in typical if is_finite(typical[name]["ratio"])]
     best = min(known, key=lambda name: float(typical[name]["ratio"]), default="")
     for axis, effect in swept(results):
-        by_value = [
-            (one["name"], one.get("to_first", {}).get(best, {})) for one in effect["groups"]
+        # Ratios of the drift to that at the first value of the axis, by value.
+        ratios = {
+            group["name"]: group["to_first"][best]
+            for group in effect["groups"]
+            if is_finite(group.get("to_first", {}).get(best, {}).get("ratio_low"))
+        }
+        if len(ratios) < 2:
+            continue
+        first, *others = ratios
+        parts = [
+            f"{change(ratios[name]['ratio'])} at {name}{_significance(ratios[name])}"
+            for name in others
         ]
-        found = [(name, ratio) for name, ratio in by_value if is_finite(ratio.get("ratio_low"))]
-        parts = []
-        for name, ratio in found[1:]:
-            interval = ratio["ratio_low"], ratio["ratio_high"]
-            remark = "; not significant" if interval[0] <= 1.0 <= interval[1] else ""
-            parts.append(f"{change(ratio['ratio'])} at {name}{change_range(interval, remark)}")
-        if parts:
-            first = found[0][0]
-            lines.append(
-                f"{axis['name']}, drift of {best} compared with {first}: {'; '.join(parts)}."
-            )
+        lines.append(f"{axis['name']}, drift of {best} compared with {first}: {'; '.join(parts)}.")
     return lines
 
 
 def _large_nees_note(results: Results) -> list[str]:
     """Note on a large NEES and what may be its cause; empty without one."""
+    variants = [scores for cell in results["cells"] for scores in cell["variants"].values()]
+    nees = [scores[NEES]["mean"] for scores in variants]
+    if max(filter(is_finite, nees), default=0.0) < MUCH_NEES:
+        return []
     study = results["configuration"]
     sweep = study.get("sweep") or {}
     keys = [*(sweep.get("grid") or {}), *((sweep.get("latin") or {}).get("ranges") or {})]
@@ -219,11 +226,6 @@ def _large_nees_note(results: Results) -> list[str]:
     noisy = sorted(
         {key for key in keys if key.split(".")[0] in NOISE_KEYS and not key.endswith(NOT_SET)}
     )
-    variants = [scores for cell in results["cells"] for scores in cell["variants"].values()]
-    nees = [scores[NEES]["mean"] for scores in variants]
-    largest = max(filter(is_finite, nees), default=0.0)
-    if largest < MUCH_NEES:
-        return []
     text = f"{MARK}: errors exceed by far what the robot file states."
     if noisy and not study.get("filters_know_noise"):
         text += (
@@ -262,17 +264,8 @@ def swept(results: Results) -> list[tuple[dict[str, Any], dict[str, Any]]]:
     return [(axis, effect) for axis, effect in pairs if len(effect["groups"]) > 1]
 
 
-def title_of(results: Results, statistic: str) -> str:
-    """Title of a statistic."""
-    return str(_statistic(results, statistic)["title"])
-
-
-def unit_of(results: Results, statistic: str) -> str:
-    """Unit of a statistic."""
-    return str(_statistic(results, statistic)["unit"])
-
-
-def _statistic(results: Results, name: str) -> dict[str, Any]:
+def statistic_of(results: Results, name: str) -> dict[str, Any]:
+    """Title and unit of a statistic, by these keys."""
     return next(statistic for statistic in results["statistics"] if statistic["name"] == name)
 
 
@@ -280,7 +273,7 @@ def _table(
     results: Results, title: str, axes: tuple[str, ...], places: Sequence[_Place], narrow: bool
 ) -> TextTable:
     """Table with a row for each place and variant; the first row of a place names it."""
-    drift = f"{title_of(results, results['drift'])}, %"
+    drift = f"{statistic_of(results, results['drift'])['title']}, %"
     if narrow:
         numbers = [drift.replace(" after", "\nafter"), "ratio", "median\nfinal\nerror, m", "NEES"]
     else:

@@ -19,20 +19,16 @@ from icreckon.cli.main import app
 def distance(
     log: Logs,
     robot: Annotated[str, typer.Option(help="Name of a robot, or a TOML file.")] = "auriga-alpha",
-    json: Json = False,
+    as_json: Json = False,
 ) -> None:
     """Print how far each track has run."""
     # Imports inside: a command that is not called costs no time.
-    run_distance(paths=log, robot_name=robot, as_json=json)
-
-
-def run_distance(*, paths: list[Path], robot_name: str, as_json: bool) -> None:
     import numpy as np
 
     from icreckon.estimator.robot.robot_file import load_robot
     from icreckon.replay.reading.read_log import read_log
 
-    tracks = read_log(paths, load_robot(robot_name)).tracks
+    tracks = read_log(log, load_robot(robot)).tracks
     intervals = np.diff(tracks.stamps)[:, None] * 1e-9
     left, right = (np.abs(tracks.speeds[1:]) * intervals).sum(axis=0).tolist()
     if as_json:
@@ -51,12 +47,8 @@ def command() -> Iterator[None]:
     app.registered_commands.pop()
 
 
-@pytest.fixture
-def bag(tmp_path: Path) -> Path:
-    return simulated(tmp_path / "drive", 20.0, trajectory="straight", fix_rate=0.0)
-
-
-def test_it_runs_over_a_bag(bag: Path) -> None:
+def test_it_runs_over_a_bag(tmp_path: Path) -> None:
+    bag = simulated(tmp_path / "drive", 20.0, trajectory="straight", fix_rate=0.0)
     shown = CliRunner().invoke(app, ["distance", str(bag)])
     assert shown.exit_code == 0, shown.output
     assert shown.stdout.startswith("left ")

@@ -62,17 +62,15 @@ def test_a_narrow_terminal_gets_the_verdict_first_and_fewer_columns(folder: Path
     assert "…" not in shown
     assert "log likelihood" not in shown
     # What a status says stands once, below the table.
-    assert re.search(r"│ indices.H +│.*│ held ([a-z]) +│", shown)
     letter = re.search(r"│ indices.H +│.*│ held ([a-z]) +│", shown)[1]
     assert f"\n{letter}: not shown; " in shown
     assert shown.count("acts in the literal form only") == 1
 
 
-@pytest.fixture(scope="module")
-def left_early(folder: Path) -> Path:
-    """Folder after a calibration from another radius whose reader leaves, as `... | head -3` does.
+def test_a_radius_is_corrected_also_if_the_reader_leaves_early(folder: Path) -> None:
+    """As `... | head -3` does. The bag's own map says that its track speeds are rates.
 
-    The file has no map of the topics: that of the bag says that its track speeds are rates.
+    Settings for ROS have the radius that the truth shows, not that times the correction again.
     """
     bare = msgspec.structs.replace(ROBOT, log={})
     write_log(read_log(folder / "drive", ROBOT), folder / "bare", "mcap", bare)
@@ -83,19 +81,9 @@ def left_early(folder: Path) -> Path:
     leaves = mock.patch("icreckon.cli.calibrate.show", side_effect=BrokenPipeError)
     with leaves, pytest.raises(BrokenPipeError):
         calibrated(folder, **words, **files)
-    return folder
-
-
-def test_a_radius_is_corrected_and_a_reader_that_leaves_early_costs_no_file(
-    left_early: Path,
-) -> None:
-    found = load_robot(left_early / "early.toml").vehicle.sprocket_radius
+    found = load_robot(folder / "early.toml").vehicle.sprocket_radius
     assert found == pytest.approx(RADIUS, rel=0.03)
-
-
-def test_settings_for_ros_are_of_the_calibrated_radius_and_track(left_early: Path) -> None:
-    """The truth of the log shows the radius that was found, not that times the correction again."""
-    settings = (left_early / "wide.yaml").read_text(encoding="utf-8")
+    settings = (folder / "wide.yaml").read_text(encoding="utf-8")
     radius, shown = re.search(
         r"wheel_radius: (\S+)  # m, effective: by the truth of this log (\S+)", settings
     ).groups()
@@ -110,8 +98,7 @@ def test_settings_for_ros_are_of_the_calibrated_radius_and_track(left_early: Pat
 def test_it_leaves_results_and_a_picture(folder: Path) -> None:
     results = results_in(folder / "results")
     assert results["command"] == "calibrate"
-    assert list(results["inputs"]) == ["drive"]
-    assert results["inputs"]["drive"].startswith("sha256:")
+    assert results["inputs"].keys() == {"drive"}
     assert results["supported_model"] == "inertia"
     assert results["verdict"].startswith("The data support inertia-based ICRs")
     assert list(results["models"]) == ["constant", "inertia"]
@@ -132,7 +119,7 @@ def test_it_leaves_results_and_a_picture(folder: Path) -> None:
 def test_hostile_names_stay_text_on_the_page(folder: Path) -> None:
     results = results_in(folder / "results")
     bad = "</script><script>alert(1)</script><img src=x onerror=y>"
-    results["robot"]["name"] = results["logs"][0]["name"] = results["notes"] = bad
+    results["robot"]["name"] = results["logs"][0]["name"] = bad
     results["notes"], results["configuration"] = [bad], {bad: bad}
     page = calibration_page(results)
     assert "<script" not in page
@@ -186,24 +173,20 @@ def test_the_robot_file_keeps_all_of_its_tables(folder: Path) -> None:
         "tracks": ROBOT.log["tracks"] | {"latency": 0.0},
         "columns": {"time": "t", "tracks": {"left": ["l"], "right": ["r"]}},
     }
-    full = msgspec.structs.replace(
-        ROBOT,
-        note='with "quotes" and a\nline',
-        log=mapped,
-        slip={"inertia-online": Slip(turning_x=0.07)},
-    )
+    changes = {
+        "note": 'with "quotes" and a\nline',
+        "slip": {"inertia-online": Slip(turning_x=0.07)},
+    }
+    full = msgspec.structs.replace(ROBOT, log=mapped, **changes)
     log = read_log(folder / "drive", ROBOT).part(0.0, 60.0)
     found = calibrate([log], full, models=("constant",))
     path = folder / "full.toml"
     path.write_text(robot_file_text(found, ["drive"], "full"), encoding="utf-8")
     again = load_robot(path)
-    assert again.note == full.note
-    assert again.slip == full.slip
-    assert again.soil == full.soil
-    assert again.indices == full.indices
+    for table in ("note", "slip", "soil", "indices"):
+        assert getattr(again, table) == getattr(full, table)
     assert again.log["columns"] == mapped["columns"]
-    topics = topic_map(again)
-    assert topics.tracks.left == ("left_track_joint",)
+    assert topic_map(again).tracks.left == ("left_track_joint",)
 
 
 @pytest.mark.parametrize(

@@ -31,14 +31,8 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_demo_leaves_everything_it_promises(demo: Path) -> None:
-    names = {path.name for path in demo.iterdir()}
-    assert names == {
-        ".icreckon-files",
-        "bag",
-        "figure.png",
-        "odometry.mcap",
-        "page.html",
-        "results.json",
+    assert {path.name for path in demo.iterdir()} == {
+        *(".icreckon-files", "bag", "figure.png", "odometry.mcap", "page.html", "results.json"),
         *(f"{name}.tum" for name in (*VARIANTS, "ground_truth")),
     }
     assert (demo / "figure.png").read_bytes().startswith(b"\x89PNG")
@@ -47,9 +41,7 @@ def test_demo_leaves_everything_it_promises(demo: Path) -> None:
 
 def test_demo_results_say_what_was_done(demo: Path) -> None:
     results = results_in(demo)
-    assert results["format"] == 1
-    assert results["command"] == "demo"
-    assert results["seed"] == 1
+    assert [results[key] for key in ("format", "command", "seed")] == [1, "demo", 1]
     assert results["configuration"]["outages"] == [[20.0, 60.0]]
     assert results["versions"]["numpy"] == np.__version__
     assert results["truth"]["source"] == "friction"
@@ -110,16 +102,11 @@ def test_simulate_a_scenario_file_and_what_the_command_line_changes(tmp_path: Pa
     same(made("as-it-is"), simulate(file, robot))
     changes = ("--duration", 10, "--outage", "2:4", "--set", "fixes.sigma=0.3", "--seed", 4)
     settings = ("--set", "encoders.resolution=0.001", "--set", "trajectory_options.turn=.3")
-    changed = msgspec.structs.replace(
-        file,
-        duration=10.0,
-        outages=((2.0, 4.0),),
-        seed=4,
-        fixes=FixSpec(sigma=0.3),
-        encoders=EncoderSpec(resolution=0.001),
-        trajectory_options={"speed": 0.4, "turn": 0.3},
-    )
-    same(made("changed", *changes, *settings), simulate(changed, robot))
+    fixes, encoders = FixSpec(sigma=0.3), EncoderSpec(resolution=0.001)
+    changed = {"duration": 10.0, "outages": ((2.0, 4.0),), "seed": 4, "fixes": fixes}
+    changed |= {"encoders": encoders, "trajectory_options": {"speed": 0.4, "turn": 0.3}}
+    expected = simulate(msgspec.structs.replace(file, **changed), robot)
+    same(made("changed", *changes, *settings), expected)
     path = str(tmp_path / "drive.csv")
     recorded = {"trajectory": "recorded", "trajectory_options": {}, "trajectory_file": path}
     drive = ("--trajectory", "recorded", "--set", "trajectory_file=drive.csv")
@@ -183,12 +170,8 @@ def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
     assert "recorded" not in fails("demo", "--trajectory", "foo", cwd=tmp_path)
     assert "no trajectory of a demo" in fails("demo", "--trajectory", "recorded", cwd=tmp_path)
     (tmp_path / "afile").write_text("a\n")
-    for words in (
-        ("simulate", "--out", "afile"),
-        ("demo", "--out", "afile"),
-        ("inspect", "run", "--write", "afile"),
-    ):
-        assert "did not write" in fails(*words, "--overwrite", cwd=tmp_path)
+    for words in ("simulate --out", "demo --out", "inspect run --write"):
+        assert "did not write" in fails(*words.split(), "afile", "--overwrite", cwd=tmp_path)
     assert (tmp_path / "afile").read_text() == "a\n"
     assert "'auriga-alpha'" in fails(*into_run, "--robot", "auriga", cwd=tmp_path)
     words = (*into_run, "--duration", 10)

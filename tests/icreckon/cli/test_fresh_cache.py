@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from command_line import results_in
-from conftest import REPOSITORY
 from icreckon.simulation.study.plan import study_names
 
 TAKE_LONGEST = tuple(
@@ -59,27 +58,12 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return cache
 
 
-ONE_BY_ONE = """
-import sys
-from pathlib import Path
-from command_line import succeeds
-for name in sys.argv[1:]:
-    succeeds("study", name, "--runs", 1, "--out", name, cwd=Path.cwd(), drawn=True)
-"""
-
-
 @pytest.mark.slow
 @pytest.mark.thorough
 def test_shipped_studies_run_through_and_compile_nothing(prepared, tmp_path):
     kernels = set(prepared.rglob("*.kernel"))
-    found_at = os.pathsep.join([str(REPOSITORY / "tests"), os.environ.get("PYTHONPATH", "")])
-    subprocess.run(
-        [sys.executable, "-c", ONE_BY_ONE, *study_names()],
-        cwd=tmp_path,
-        env={**os.environ, "NUMBA_CACHE_DIR": str(prepared), "PYTHONPATH": found_at},
-        check=True,
-        timeout=900,
-    )
+    for name in study_names():
+        finished(icreckon(prepared, tmp_path, "study", name, "--runs", "1", "--out", name))
     assert set(prepared.rglob("*.kernel")) == kernels
     for name in study_names():
         numbers = all_numbers(results_in(tmp_path / name)["overall"])

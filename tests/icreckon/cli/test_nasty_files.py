@@ -9,7 +9,7 @@ import gzip
 import io
 import os
 import sqlite3
-from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pyarrow as pa
@@ -67,44 +67,33 @@ CONTENTS = {
 }
 
 
-def folder(_: Path) -> None:
-    """Make nothing: an empty folder."""
+PLACES = (
+    "an empty folder",
+    "a link to itself",
+    "a pipe",
+    "metadata alone",
+    "other tables",
+    "a bag without messages",
+)
 
 
-def loop(path: Path) -> None:
-    path.rmdir()
-    path.symlink_to(path)
-
-
-def pipe(path: Path) -> None:
-    path.rmdir()
-    os.mkfifo(path)
-
-
-def only_metadata(path: Path) -> None:
-    (path / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n", encoding="utf-8")
-
-
-def other_tables(path: Path) -> None:
-    database = sqlite3.connect(path / "bag.db3")
-    database.execute("CREATE TABLE apples(id INTEGER)")
-    database.commit()
-    database.close()
-
-
-def no_messages(path: Path) -> None:
-    path.rmdir()
-    drive(path, [])
-
-
-PLACES: dict[str, Callable[[Path], None]] = {
-    "an empty folder": folder,
-    "a link to itself": loop,
-    "a pipe": pipe,
-    "metadata alone": only_metadata,
-    "other tables": other_tables,
-    "a bag without messages": no_messages,
-}
+def make(name: str, path: Path) -> None:
+    """Make a nasty file or folder."""
+    if name in CONTENTS:
+        path.write_bytes(CONTENTS[name])
+    elif name == "a link to itself":
+        path.symlink_to(path)
+    elif name == "a pipe":
+        os.mkfifo(path)
+    elif name == "a bag without messages":
+        drive(path, [])
+    else:
+        path.mkdir()
+    if name == "metadata alone":
+        (path / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n", encoding="utf-8")
+    if name == "other tables":
+        with closing(sqlite3.connect(path / "bag.db3")) as database:
+            database.execute("CREATE TABLE apples(id INTEGER)")
 
 
 # Files in which there is something to list.
@@ -116,11 +105,7 @@ LISTED = {"lists.parquet", "a bag without messages"} | {
 @pytest.mark.parametrize("name", [*CONTENTS, *PLACES])
 def test_a_nasty_file_is_one_line(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
-    if name in CONTENTS:
-        path.write_bytes(CONTENTS[name])
-    else:
-        path.mkdir()
-        PLACES[name](path)
+    make(name, path)
     write_robot(tmp_path / "robot.toml")
     said = [fails("replay", "--robot", "robot.toml", path, cwd=tmp_path)]
     # What is readable is listed, though it holds nothing.

@@ -4,7 +4,6 @@ import os
 import pty
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 from rich.progress import Task
@@ -60,10 +59,8 @@ def test_compiled_functions_are_counted_with_their_total(monkeypatch, tmp_path: 
 def test_a_terminal_shows_at_once_what_is_done(tmp_path: Path) -> None:
     main, side = pty.openpty()
     command = [Path(sys.executable).parent / "icreckon", "replay", "none.bag"]
-    started = time.monotonic()
     running = subprocess.Popen(command, cwd=tmp_path, stdout=side, stderr=side)
     os.close(side)
     assert os.read(main, 1000).startswith(b"loading icreckon replay")
-    assert time.monotonic() - started < 20.0  # a busy machine
     running.wait()
     os.close(main)

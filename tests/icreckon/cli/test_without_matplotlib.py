@@ -43,8 +43,7 @@ def _without_matplotlib(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def run(*words: str, cwd: Path) -> tuple[Done, set[str]]:
     """A command that ends well, and its warnings."""
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as told:
         done = icreckon(*words, cwd=cwd, drawn=True)
     assert done.returncode == 0, done.stderr
     return done, {str(one.message) for one in told}

@@ -52,11 +52,12 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return simulated(folder / "drive", SECONDS, trajectory="slalom", seed=5)
 
 
-@pytest.fixture(scope="module")
-def short_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A drive whose messages come, of whatever they tell."""
-    folder = tmp_path_factory.mktemp("bag")
-    return simulated(folder / "short", 4.0, trajectory="slalom", seed=5)
+def statuses(message: Any) -> dict[str, dict[str, str]]:
+    """Values by key, by name of the status."""
+    return {
+        status.name.removeprefix("icreckon: "): {pair.key: pair.value for pair in status.values}
+        for status in message.status
+    }
 
 
 def same_pose(one: np.ndarray, other: np.ndarray) -> None:
@@ -86,8 +87,7 @@ def test_no_message_is_lost(live: Any, bag: Path) -> None:
     imu = [stamp_of(one.header) for one in sent["/imu/data_raw"]]
     odometry = [stamp_of(one.header) for one in messages["/odom"]]
     assert odometry == imu
-    last = {one.name: one for one in messages["/diagnostics"][-1].status}
-    counts = {one.key: one.value for one in last["icreckon: tracks"].values}
+    counts = statuses(messages["/diagnostics"][-1])["tracks"]
     assert int(counts["used"]) == len(sent["/joint_states"])
     assert counts["late"] == "0"
 
@@ -169,15 +169,13 @@ def test_diagnostics_and_markers(live: Any) -> None:
     slip = messages["/slip"][len(messages["/slip"]) // 2]
     assert [one.name for one in slip.status] == ["slip", "stuck", "spinning", "sliding"]
     assert [one.level for one in slip.status] == [0, 0, 0, 0]
-    ratios = {one.key: float(one.value) for one in slip.status[0].values}
-    assert 0.2 < ratios["left_ratio"] < 5.0
-    learnt = {one.name: one for one in messages["/learnt_parameters"][-1].status}
-    values = {one.key: float(one.value) for one in learnt["eta0"].values}
-    assert values["value"] > 1.0
-    assert 0.0 < values["sigma"] < 1.0
+    assert 0.2 < float(statuses(slip)["slip"]["left_ratio"]) < 5.0
+    eta0 = statuses(messages["/learnt_parameters"][-1])["eta0"]
+    assert float(eta0["value"]) > 1.0
+    assert 0.0 < float(eta0["sigma"]) < 1.0
 
 
-def test_starts_warm_and_again_after_a_kill(live, ros, bag, short_bag, tmp_path):
+def test_starts_warm_and_again_after_a_kill(live, ros, bag, tmp_path):
     state = tmp_path / "state.json"
     shutil.copy(live[2], state)
     options = {"state_file": state, "save_period": 1.0, "input_depth": DEEP, "reorder": REORDER}
@@ -185,7 +183,7 @@ def test_starts_warm_and_again_after_a_kill(live, ros, bag, short_bag, tmp_path)
         until(lambda: "ready:" in running.text(), running)
         assert "warm start" in running.text()
         before = state.read_bytes()
-        play(ros, short_bag)
+        play(ros, simulated(tmp_path / "short", 4.0, trajectory="slalom", seed=5))
         until(lambda: state.read_bytes() != before, running)
         running.stop(signal.SIGKILL)
     # SIGTERM, as systemd and docker send.
@@ -196,11 +194,8 @@ def test_starts_warm_and_again_after_a_kill(live, ros, bag, short_bag, tmp_path)
     odometry = recorded(tmp_path / "out")["/odom"]
     assert odometry[0].pose.pose.position.x == pytest.approx(0.0, abs=0.01)
     assert len(odometry) > 900
-    last = {
-        one.name: {pair.key: pair.value for pair in one.values}
-        for one in recorded(tmp_path / "out")["/diagnostics"][-1].status
-    }
-    assert last["icreckon: pose in odom"]["warm_start"] == "true"
+    last = statuses(recorded(tmp_path / "out")["/diagnostics"][-1])
+    assert last["pose in odom"]["warm_start"] == "true"
 
 
 def test_a_node_kept_from_running_catches_up(live, ros, bag, tmp_path):
@@ -218,10 +213,8 @@ def test_a_node_kept_from_running_catches_up(live, ros, bag, tmp_path):
         assert playing.wait(LONGEST) == 0
         until_quiet(record, tmp_path / "out")
     messages = recorded(tmp_path / "out")
-    last = {one.name: one for one in messages["/diagnostics"][-1].status}
     for sensor in ("gyro", "tracks"):
-        counts = {one.key: one.value for one in last[f"icreckon: {sensor}"].values}
-        assert int(counts["late"]) < 10
+        assert int(statuses(messages["/diagnostics"][-1])[sensor]["late"]) < 10
     found, wanted = messages["/odom"][-1], live[0]["/odom"][-1]
     assert found.header.stamp == wanted.header.stamp
     ends = [pose_of(one.pose.pose.position, one.pose.pose.orientation) for one in (found, wanted)]

@@ -51,15 +51,13 @@ def test_odometry_has_height_roll_and_pitch_if_asked() -> None:
 
 def test_the_map_has_the_height_of_its_fixes() -> None:
     one = on_a_slope()
-    in_map = one.in_map(planar=False)
-    placed = one.odom_in_map(planar=False)
+    in_map, placed = one.in_map(planar=False), one.odom_in_map(planar=False)
     assert in_map.position[2] == pytest.approx(40.0, abs=2.0)
     message = fill_transform(MESSAGES.new(TRANSFORM), 0, "map", "odom", placed)
     # Base frame in map by way of odom.
     height = message.transform.translation.z + one.pose3d.position[2]
     assert height == pytest.approx(in_map.position[2])
-    planar = one.odom_in_map(planar=True)
-    assert planar.position[2] == 0.0
+    assert one.odom_in_map(planar=True).position[2] == 0.0
     without = one._replace(map_pose=None, map_covariance=None, fixed=None)
     assert without.odom_in_map(planar=False) is None
 

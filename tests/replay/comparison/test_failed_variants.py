@@ -10,8 +10,8 @@ import typer
 
 from command_line import results_in
 from icreckon import LostFilter, ReplayError, Scenario, load_robot, simulate, summarise
-from icreckon.cli.common.comparing import compare_and_report
-from icreckon.cli.common.console import exit_if_failed
+from icreckon.cli.common.comparing import compare_and_write
+from icreckon.cli.common.console import exit_if_failed, show
 from icreckon.estimator.filter.samples import COUNT, RunRows
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.comparison import compare as comparing
@@ -19,6 +19,7 @@ from icreckon.replay.comparison.compare import Comparison, compare
 from icreckon.report.replay.folder import write_report
 from icreckon.report.replay.page import replay_page
 from icreckon.report.replay.page_text import failures
+from icreckon.report.replay.tables import results_table
 
 ROBOT = load_robot("auriga-alpha")
 LOG = simulate(Scenario(duration=24.0, seed=2, outages=((10.0, 24.0),)), ROBOT)
@@ -132,7 +133,8 @@ def test_the_command_writes_what_it_has_and_exits_with_1(monkeypatch, tmp_path, 
     lose(monkeypatch, ("inertia-online",))
     origin = {"command": "replay", "configuration": {}, "inputs": {}}
     options = {"variants": [*VARIANTS], "origin": origin, "workers": 1}
-    failed = compare_and_report(LOG, ROBOT, tmp_path, **options)
+    summary, _ = compare_and_write(LOG, ROBOT, tmp_path, **options)
+    show(tmp_path, results_table, summary, 125, as_json=False, wide=False)
     assert {"results.json", "page.html", "figure.png"} <= {path.name for path in tmp_path.iterdir()}
     results = results_in(tmp_path)
     assert list(results["failed"]) == ["inertia-online"]
@@ -140,7 +142,7 @@ def test_the_command_writes_what_it_has_and_exits_with_1(monkeypatch, tmp_path, 
     assert "inertia-online" in shown
     assert "ERROR" in shown
     with pytest.raises(typer.Exit) as left:
-        exit_if_failed(failed)
+        exit_if_failed(failures(summary))
     assert left.value.exit_code == 1
     assert "ERROR: inertia-online has no result" in capsys.readouterr().err
     exit_if_failed([])
