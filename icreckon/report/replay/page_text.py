@@ -17,6 +17,7 @@ CHECK_HINT = "icreckon check says what each of these costs, and what to set"
 
 NEES = ("nees_pose_mean", "nees_position_mean")
 MUCH_NOISE = 0.4  # drift by noise of the truth over the least drift, from which it is reported
+ALIKE = 5e-4  # difference of drifts, over each other, below which they are the same [-]
 CLEAR_RATIO, LARGE_RATIO = 1.5, 10.0  # largest error at the end over the least, if reported
 LEAST_END_ERROR = 1.0  # smaller errors at the end are not compared [m]
 
@@ -154,6 +155,8 @@ def _next_best(verdict: Results, short: str) -> str:
     if verdict["drift_percent_95"] is None:
         return f"{short} too short to say whether the others drift more by more than chance."
     perhaps_equal, ratios = verdict["not_shown_worse"], verdict["ratios_to_best"]
+    if all(abs(ratio - 1.0) < ALIKE for ratio in ratios.values()):
+        return "All others drift the same."
     name = min(perhaps_equal or ratios, key=lambda variant: float(ratios[variant]))
     more = f"{change(ratios[name])}{change_range(verdict['ratios_to_best_95'][name])}"
     if not perhaps_equal:

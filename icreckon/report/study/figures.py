@@ -228,7 +228,7 @@ def _grid(results: Results) -> Picture:
         bar = figure.colorbar(image, ax=panels, label=label, ticks=ticks)
         bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         bar.ax.yaxis.set_minor_locator(NullLocator())
-        caption = f"{_title(results, drift)} in each cell (mean of the runs), darker is more."
+        caption = f"{_title(results, drift)} in each cell (mean of the runs)."
         return Picture("drift-grid", caption, png(figure, METADATA))
 
 
