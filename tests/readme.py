@@ -62,7 +62,7 @@ def run_page(
 
     Each block of the language `text` must be what the shell block before it has printed: line by line,
     in order, other lines between them left out, figures roughly the same. With `ICRECKON_RENEW` in the
-    environment figures that are not the same are put into the page.
+    environment today's figures are put into the page.
     """
     paths = [Path(sys.executable).parent, *([] if programs is None else [programs])]
     path = os.pathsep.join([*map(str, paths), os.environ["PATH"]])
@@ -80,7 +80,7 @@ def run_page(
                 fits = (says, alike) if RENEWS else (says,)
                 at = next((n for fit in fits for n, one in enumerate(rest) if fit(one, line)), None)
                 assert at is not None, f"{line}\nin\n{printed[-1]}"
-                shown[k] = line if says(rest[at], line) else rest[at].rstrip()
+                shown[k] = rest[at].rstrip()
                 del rest[: at + 1]
             if RENEWS:
                 whole = (ROOT / page).read_text(encoding="utf-8")
