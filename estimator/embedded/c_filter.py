@@ -25,6 +25,7 @@ from icreckon.estimator.engine.constants import REGRESSOR_SMOOTHING
 from icreckon.estimator.engine.filters import BatchFilter, work_places
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, array_rows
+from icreckon.estimator.engine.lane_filter import LONG_STEP
 from icreckon.estimator.engine.lane_functions import move_inputs, sample_inputs
 from icreckon.estimator.engine.layout import INPUTS, MOTION, covariance_name
 from icreckon.estimator.engine.one_lane import OF_RECORD, OF_TIME
@@ -306,6 +307,7 @@ class _Export:
             "PARAMETERS": len(parameters),
             "FIRST_PARAMETER": self._states.index(parameters[0]) if parameters else 0,
             "ROW_REGRESSORS": self._layout.regressors,
+            "LONG_STEP": LONG_STEP,
             "WANDERS": int(s.WANDER_X in self._shape.states),
             **{constant.upper(): places[constant] for constant in VARYING},
             **{f"ROW_{name}": rows[row] for name, row in ROWS.items()},

@@ -49,7 +49,8 @@ from icreckon.estimator.tracing.kernel import FLAG_BITS
 
 FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
 ANTENNA = [INPUTS[name] for name in ("fix_forward", "fix_left", "fix_up")]
-MODE, INTERVAL = INPUTS["fix_mode"], INPUTS["fix_interval"]
+MODE, INTERVAL, SPEED_DECAY = (INPUTS[name] for name in ("fix_mode", "fix_interval", "speed_decay"))
+LONG_STEP = 1_000_000_000  # the motion over a longer step is that of stale speeds [ns]
 # Rows with the innovation of a position fix, and the number of admitted ones.
 FIX_RESULTS = ("z_x", "z_y", "S_xx", "S_xy", "S_yy", "admitted")
 NO_FORCE = (math.nan, math.nan, math.nan)
@@ -132,7 +133,11 @@ class LaneSteps:
 
         With `BEGIN` it only begins, with a new fast slip; with `PROPAGATE` to the same stamp it ends.
         """
-        self._fill_move(self._records, self._inputs, stamp)
+        inputs, elapsed = self._inputs, stamp - self._record.stamp
+        self._fill_move(self._records, inputs, stamp)
+        if elapsed > LONG_STEP:
+            # The speeds decay, and so do the derivatives by the parameters.
+            self._ekf.regressors *= inputs[SPEED_DECAY, 0]
         self._step(kernel_number, stamp)
 
     def take_samples(

@@ -41,13 +41,12 @@ QUIET_MEAN, RATE = INPUTS["quiet_mean"], INPUTS["rate"]
 ROLL_RATE, PITCH_RATE = INPUTS["roll_rate"], INPUTS["pitch_rate"]
 TILT_DENSITY = INPUTS["tilt_density"]
 FORCE_X, FORCE_Y = INPUTS["force_x"], INPUTS["force_y"]
-NOISE, SPEED_DECAY = INPUTS["gyro_density"], INPUTS["speed_decay"]
+NOISE = INPUTS["gyro_density"]
 PARAMETERS = s.PARAMETERS.start
 LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 
 # Results of functions that did nothing: a step is needed before, as after a gap; the buffers are full.
 REFUSED, FULL = -1, -2
-STALE = 0.5  # mean decay of the speeds over a step that is longer than they last
 INPUTS_PLACE = 5  # place of the inputs among the arrays of a lane, see `take_step`
 MOST_STATES = s.WANDER.stop  # most states of a filter with a fast slip
 # Places in `LanePlaces.kernels`. Steps with an IMU sample at their end, of a robot that does not stand
@@ -470,12 +469,6 @@ def take_step(
     if inputs.shape != (ROWS, 1):
         raise ValueError(WRONG_SIZE)
     places, record = all_places[0], records[0]
-    decay = inputs[SPEED_DECAY, 0]
-    if decay < STALE:
-        # A long step with decaying speeds: so do the derivatives by the parameters.
-        for axis in range(3):
-            for k in range(regressors.shape[1]):
-                regressors[axis, k] *= decay
     fill_state(lane, constants, x, memory, places)
     fill_covariance(lane, P, regressors, places)
     fill_constants(record, lane, constants, stamp, places)

@@ -15,7 +15,6 @@ STUDY = """
 name = "small"
 runs = 2
 variants = ["gyro", "constant-online"]
-engine = "streaming"
 [scenario]
 duration = 20.0
 """
