@@ -79,7 +79,9 @@ def test_the_site_builds_strictly_and_loads_nothing_from_outside(tmp_path: Path)
     for file in (*pages, *tmp_path.rglob("*.css")):
         found = LOADED.search(file.read_text(encoding="utf-8"))
         assert found is None, f"{file.relative_to(tmp_path)} loads {found[0]}"
-    by_name = {str(page.parent.relative_to(tmp_path)): text for page, text in pages.items()}
+    by_name = {
+        page.relative_to(tmp_path).with_suffix("").as_posix(): text for page, text in pages.items()
+    }
     assert not any("<!-- table" in text or "end of table" in text for text in by_name.values())
     # Made from the code: a robot, a key, an option, a docstring.
     assert "<code>warthog</code>" in by_name["reference/robots"]
