@@ -171,7 +171,7 @@ def _check_logs(logs: Sequence[Log], robot: Robot) -> None:
         turning = None
         if log.imu is not None:
             rates = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
-            turning = turning_at(log.tracks, log.imu, rates, width)
+            turning = turning_at(log.tracks, log.imu.stamps, rates, width)
         if stuck := stuck_sides(log.tracks, turning):
             raise EstimatorError(
                 f"log {log.name!r}: {stuck[0].text}; look at its sensor, cable and topic"

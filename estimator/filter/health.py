@@ -284,7 +284,8 @@ class Health:
     def copy(self) -> Health:
         """Copy the counts."""
         sensors = {name: sensor.copy() for name, sensor in self.sensors.items()}
-        return replace(self, sensors=sensors)
+        copies = {name: getattr(self, name).copy() for name in ("noise", "times", "findings")}
+        return replace(self, sensors=sensors, **copies)
 
 
 def add_findings(health: Health, record: Any, x: Floats, P: Floats, imu: Imu) -> None:

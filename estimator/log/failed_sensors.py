@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.log.series import TrackSpeedSeries
 
 LEFT, RIGHT = 0, 1
 # Least time of one reading [s], and distance of the other side meanwhile [m].
@@ -80,16 +80,16 @@ class UnequalSides(NamedTuple):
     text: str  # which side, how much less, from when on
 
 
-def unequal_sides(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats) -> UnequalSides | None:
+def unequal_sides(tracks: TrackSpeedSeries, stamps: Stamps, rates: Floats) -> UnequalSides | None:
     """Compare the sides on straight stretches, from some time on to the log's end.
 
     Args:
         tracks: the track speeds.
-        imu: gives the stamps (m,) of the yaw rates.
+        stamps: (m,) stamps of the yaw rates [ns].
         rates: (m,) yaw rates [rad/s].
     """
     left, right = tracks.speeds.T
-    speed, rate = np.abs(tracks.speeds).max(axis=1), turning_at(tracks, imu, rates, 1.0)
+    speed, rate = np.abs(tracks.speeds).max(axis=1), turning_at(tracks, stamps, rates, 1.0)
     if np.ptp(rate) == 0.0:
         return None
     # Effective track where one side may read less: the difference that goes with the turning alone.
@@ -133,6 +133,6 @@ def imu_span(log: Log) -> tuple[int, int, str] | None:
     return first, last, f"samples {span} only, the tracks to {(end - begin) * NANOSECOND:.0f} s"
 
 
-def turning_at(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats, width: float) -> Floats:
+def turning_at(tracks: TrackSpeedSeries, stamps: Stamps, rates: Floats, width: float) -> Floats:
     """Turning (n,) by yaw rates (m,) [rad/s], at the stamps of tracks [m/s]."""
-    return np.asarray(np.interp(tracks.stamps, imu.stamps, rates) * width)
+    return np.asarray(np.interp(tracks.stamps, stamps, rates) * width)

@@ -451,15 +451,17 @@ def _plausible(robot: Robot) -> Robot:
     return robot
 
 
-def changed_robot(robot: Robot, changes: Mapping[str, Any]) -> Robot:
+def changed_robot(robot: Robot, changes: Mapping[str, Any], source: str = "") -> Robot:
     """Copy of a robot with other values.
 
-    Values are by their keys in a robot file, as `{"vehicle.track_gauge": 0.45}`.
+    Values are by their keys in a robot file, as `{"vehicle.track_gauge": 0.45}`; errors name `source`.
 
     Raises:
         EstimatorError: a misspelt key, a wrong type or a bad value.
     """
     require_robot(robot)
+    if not changes:
+        return robot
     data = {key: value for key, value in msgspec.to_builtins(robot).items() if value is not None}
     for key, value in changes.items():
         *path, last = str(key).split(".")
@@ -469,7 +471,7 @@ def changed_robot(robot: Robot, changes: Mapping[str, Any]) -> Robot:
             if not isinstance(table, dict):
                 raise EstimatorError(f"{key}: {step} is no table of a robot file")
         table[last] = as_plain_table(value)
-    return convert(data, Robot, f"robot {robot.name!r}", EstimatorError)
+    return convert(data, Robot, source or f"robot {robot.name!r}", EstimatorError)
 
 
 def as_plain_table(value: Any) -> Any:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numpy as np
-from msgspec import structs
+from msgspec.structs import replace as replace_of
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.frames import relative
@@ -105,16 +105,17 @@ def mapped_table(robot: Robot, stream: str) -> str:
 
 def with_imu(**values: object) -> Correction:
     """Correction that sets keys of the robot's [imu] to values."""
-    changed = structs.replace
-    return lambda log, robot: (log, changed(robot, imu=changed(robot.imu, **values)))
+    return lambda log, robot: (log, replace_of(robot, imu=replace_of(robot.imu, **values)))
 
 
 def with_speeds(change: Callable[[Floats], Floats]) -> Correction:
     """Correction that changes the log's track speeds (n, 2)."""
-    return lambda log, robot: (
-        replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, change(log.tracks.speeds))),
-        robot,
-    )
+    return lambda log, robot: (replaced_speeds(log, change(log.tracks.speeds)), robot)
+
+
+def replaced_speeds(log: Log, speeds: Floats) -> Log:
+    """Log with other track speeds (n, 2) [m/s], without those of wheels."""
+    return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, speeds))
 
 
 def effective_track(robot: Robot) -> float:

@@ -14,6 +14,7 @@ from icreckon.estimator.log.failed_sensors import (
     StuckSide,
     UnequalSides,
     stuck_sides,
+    turning_at,
     unequal_sides,
 )
 from icreckon.estimator.log.lag import Lag
@@ -36,6 +37,7 @@ from icreckon.replay.checking.check import (
     mapped_table,
     measured_scale,
     measured_track,
+    replaced_speeds,
     true_motion,
     with_speeds,
 )
@@ -103,8 +105,8 @@ def _stuck_sides(log: Log, robot: Robot) -> tuple[list[StuckSide], Floats]:
     """Stuck sides, and V_r - V_l (n,) by the gyro [m/s]; no sides without a gyro."""
     if log.imu is None:
         return [], np.zeros(len(log.tracks.stamps))
-    rates = np.interp(log.tracks.stamps, *imu_yaw_rates(log.imu, robot))
-    turning = rates * effective_track(robot)
+    yaw_rates = imu_yaw_rates(log.imu, robot)
+    turning = turning_at(log.tracks, *yaw_rates, effective_track(robot))
     return stuck_sides(log.tracks, turning), turning
 
 
@@ -115,7 +117,7 @@ def _without_stuck_sides(log: Log, robot: Robot) -> tuple[Log, Robot]:
         sign = 1.0 if side.side == RIGHT else -1.0
         for rows in side.spans:
             speeds[rows, side.side] = speeds[rows, 1 - side.side] + sign * turning[rows]
-    return with_speeds(lambda _: speeds)(log, robot)
+    return replaced_speeds(log, speeds), robot
 
 
 def check_ratio(log: Log, robot: Robot) -> Iterator[Check]:
@@ -131,9 +133,7 @@ def check_ratio(log: Log, robot: Robot) -> Iterator[Check]:
 def _unequal_sides(log: Log, robot: Robot) -> UnequalSides | None:
     """Side that reads less than the other one; None if neither, or without a gyro."""
     yaw_rates = comparable_yaw_rates(log, robot)
-    if log.imu is None or yaw_rates is None:
-        return None
-    return unequal_sides(log.tracks, log.imu, yaw_rates.rates)
+    return None if yaw_rates is None else unequal_sides(log.tracks, *yaw_rates)
 
 
 def _with_equal_sides(log: Log, robot: Robot) -> tuple[Log, Robot]:
@@ -141,13 +141,13 @@ def _with_equal_sides(log: Log, robot: Robot) -> tuple[Log, Robot]:
     unequal, speeds = _unequal_sides(log, robot), log.tracks.speeds.copy()
     if unequal is not None:
         speeds[unequal.begin :, unequal.side] /= unequal.ratio
-    return with_speeds(lambda _: speeds)(log, robot)
+    return replaced_speeds(log, speeds), robot
 
 
 def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     """Unit of the gyro, and its sense of rotation against that of the tracks."""
     yaw_rates = comparable_yaw_rates(log, robot)
-    if log.imu is None or yaw_rates is None:
+    if yaw_rates is None:
         return
     rates, difference = yaw_rates.rates, log.tracks.difference
     track_rate = float(np.abs(difference).mean()) / effective_track(robot)
@@ -177,11 +177,11 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         in_radians = _with_rates_times(math.pi / 180.0)
         yield Check("unit of the gyro", "rad/s", in_log, problem, remedy, in_radians, measured)
     check = replace(check, measured=Measured(correlation, "-", 1.0))
-    yield _clear_turning(log, log.imu, robot, check, turns_alike=correlation > 0.0)
+    yield _clear_turning(log, yaw_rates, robot, check, turns_alike=correlation > 0.0)
 
 
 def _clear_turning(
-    log: Log, imu: ImuSeries, robot: Robot, check: Check, *, turns_alike: bool
+    log: Log, yaw_rates: YawRates, robot: Robot, check: Check, *, turns_alike: bool
 ) -> Check:
     """Check the signs of tracks that clearly turn as the gyro, or opposite to it."""
     forward_ratio = _over_truth(log, log.tracks.stamps, log.tracks.speeds.mean(axis=1), axis=0)
@@ -189,7 +189,7 @@ def _clear_turning(
     if turns_alike and not is_backward:
         return check
     # Where tracks and gyro agree, it is the truth that turns the other way.
-    turning_ratio = _over_truth(log, *imu_yaw_rates(imu, robot), axis=2)
+    turning_ratio = _over_truth(log, *yaw_rates, axis=2)
     if not turns_alike and turning_ratio is not None and turning_ratio < 0.0:
         text = "the gyro's signs are wrong: it turns the other way than the truth"
         table = mapped_table(robot, "imu")
@@ -210,7 +210,7 @@ def _clear_turning(
         )
     # Without a truth the accelerations show the forward direction, if the IMU's mounting is right.
     is_clear = forward_ratio is not None
-    is_backward_by_imu = not is_clear and _accelerates_backward(log, imu, robot)
+    is_backward_by_imu = not is_clear and _accelerates_backward(log, yaw_rates, robot)
     if is_backward or is_backward_by_imu:
         text = "both tracks count backward: they turn the other way than the gyro"
         remedy = f"left and right in [{table}] {minus}"
@@ -226,13 +226,13 @@ def _clear_turning(
     return check.contradicted(text, remedy, with_speeds(lambda speeds: speeds[:, ::-1].copy()))
 
 
-def _accelerates_backward(log: Log, imu: ImuSeries, robot: Robot) -> bool:
+def _accelerates_backward(log: Log, yaw_rates: YawRates, robot: Robot) -> bool:
     """True if the IMU clearly accelerates backward where the tracks speed up."""
-    force = force_in_base(imu, robot)
+    force = None if log.imu is None else force_in_base(log.imu, robot)
     if force is None:
         return False
     horizontal = np.nan_to_num(force[:, :2])
-    yaw = imu_mounting.forward_yaw(log.tracks, imu_yaw_rates(imu, robot), horizontal)
+    yaw = imu_mounting.forward_yaw(log.tracks, yaw_rates, horizontal)
     return yaw is not None and abs(yaw) == 180.0
 
 

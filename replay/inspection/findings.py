@@ -118,8 +118,8 @@ def _failed_sensors(estimates: LogEstimates, log: Log) -> Iterator[str]:
     """Findings on sensors that fail in the log or a part of it."""
     yield from (f"tracks: {stuck.text}" for stuck in estimates.stuck)
     yaw_rates, is_usable = estimates.yaw_rates, imu_mounting.are_usable(log.tracks)
-    if log.imu and yaw_rates and is_usable and not estimates.mapping.from_twist:
-        unequal = unequal_sides(log.tracks, log.imu, yaw_rates.rates)
+    if yaw_rates and is_usable and not estimates.mapping.from_twist:
+        unequal = unequal_sides(log.tracks, *yaw_rates)
         if unequal is not None:
             yield f"tracks: {unequal.text}: look at counts, gears and radius of both sides"
     span = imu_span(log)

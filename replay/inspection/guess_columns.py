@@ -100,8 +100,9 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         return None
     imu = None
     for time, names in imu_names.items():
-        if imu is None and (keys := naming.imu_keys(names)):
+        if keys := naming.imu_keys(names):
             imu = ImuColumns(**keys, **time._asdict())
+            break
     return ColumnMap(*main, tracks, imu, fixes, truth)
 
 

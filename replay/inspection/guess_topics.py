@@ -274,14 +274,14 @@ def _vectors(surveys: Surveys, pattern: Pattern[str]) -> tuple[str, tuple[str, .
     return None
 
 
-def unused_topics(surveys: Collection[Survey], mapping: TopicMap) -> Iterator[str]:
+def unused_topics(surveys: Surveys, mapping: TopicMap) -> Iterator[str]:
     """Findings on robots, wheels, odometries and positions that a mapping lacks."""
     if names := robots(surveys):
         yield (
             f"topics of {len(names)} robots ({', '.join(names)}): those of {names[0]} are proposed; for "
             "another, put its topics into the file and inspect again with --overwrite"
         )
-    for survey in _of_types([*surveys], ros.ODOMETRY):
+    for survey in _of_types(surveys, ros.ODOMETRY):
         if survey.recorded and _is_of_camera(survey) and mapping.velocity is None:
             yield (
                 f"{survey.topic}: an odometry by camera or lidar, which is none of the wheels'; as a "
@@ -296,7 +296,7 @@ def unused_topics(surveys: Collection[Survey], mapping: TopicMap) -> Iterator[st
             yield f"tracks: a topic of each side is read; not used: {', '.join(wheels)}"
     used = {stream.topic for stream in (mapping.fixes, mapping.truth) if stream is not None}
     kinds = ros.POSE, ros.POSE_WITH_COVARIANCE, ros.NAVSATFIX
-    unused = {survey.topic for survey in _of_types([*surveys], *kinds)} - used
+    unused = {survey.topic for survey in _of_types(surveys, *kinds)} - used
     if positions := sorted(topic for topic in unused if not naming.is_command(topic)):
         yield f"positions not used: {', '.join(positions)}; a topic of [log.fixes] or [log.truth]?"
 

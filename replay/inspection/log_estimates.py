@@ -11,7 +11,7 @@ from msgspec import to_builtins
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.config import convert
-from icreckon.estimator.log.failed_sensors import StuckSide, stuck_sides
+from icreckon.estimator.log.failed_sensors import StuckSide, stuck_sides, turning_at
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
@@ -205,10 +205,14 @@ def _measured(estimates: LogEstimates, log: Log) -> LogEstimates:
     # Counts have no scale yet, by which wheels could be estimated.
     shows_wheels = not (estimates.mapping.lacks_counts_per_turn or is_apart)
     correlation = mounting.turning_correlation if mounting else None
-    stuck = _stuck_sides(aligned, yaw_rates if shows_wheels else None, correlation)
-    sound = longest_without(aligned, stuck)
-    wheels = NO_WHEELS
+    wheels, turning = NO_WHEELS, None
     if shows_wheels and yaw_rates is not None:
+        wheels = wheel_estimates(aligned, yaw_rates, correlation)
+        if wheels.track is not None:
+            turning = turning_at(aligned.tracks, *yaw_rates, wheels.track.value)
+    stuck = stuck_sides(aligned.tracks, turning)
+    sound = longest_without(aligned, stuck)
+    if stuck and shows_wheels and yaw_rates is not None:
         wheels = wheel_estimates(sound, yaw_rates, correlation)
     measured = replace(
         estimates,
@@ -223,18 +227,6 @@ def _measured(estimates: LogEstimates, log: Log) -> LogEstimates:
         fix_fit=fit,
     )
     return replace(measured, track=_track_by_rate(measured, sound.tracks))
-
-
-def _stuck_sides(
-    log: Log, yaw_rates: YawRates | None, correlation: float | None
-) -> list[StuckSide]:
-    """Sides that repeat one reading, by the gyro if the effective track is known."""
-    turning = None
-    if yaw_rates is not None:
-        track = wheel_estimates(log, yaw_rates, correlation).track
-        if track is not None:
-            turning = np.interp(log.tracks.stamps, *yaw_rates) * track.value
-    return stuck_sides(log.tracks, turning)
 
 
 def longest_without(log: Log, stuck: Sequence[StuckSide]) -> Log:

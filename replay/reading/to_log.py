@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.log import series
+from icreckon.estimator.log.input_checks import ABSURD_RATE
 from icreckon.estimator.log.log import Log, screen
 from icreckon.estimator.log.measurements import BodyVelocity, HeadingFix, HeightFix, Measurement
 from icreckon.estimator.robot.robot_file import Robot
@@ -247,7 +248,7 @@ class _Assembly:
         rows[:, measured] = found
         rates, forces = rows[:, :3], rows[:, 3:]
         if self.robot.imu.gyro_axes == "z":
-            np.nan_to_num(rates[:, :2], copy=False, posinf=0.0, neginf=0.0)
+            rates[:, :2][~(np.abs(rates[:, :2]) <= ABSURD_RATE)] = 0.0  # of axes that are not used
         absent = np.isnan(forces).any(axis=1, keepdims=True)
         keep = self._screened(stream, stamps, np.hstack([rates, np.where(absent, 0.0, forces)]))
         if not keep.any():

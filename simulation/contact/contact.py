@@ -56,6 +56,11 @@ class ContactGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         check_bounds(self)
         if len(self.positions) < 2 or not np.all(np.diff(self.positions) > 0.0):
             raise ValueError(f"positions must be two or more, rising, found {self.positions!r}")
+        if self.weights and len(self.weights) != len(self.positions):
+            raise ValueError(
+                f"weights must be as many as positions ({len(self.positions)}), "
+                f"found {len(self.weights)}"
+            )
         if not self.across or not np.all(np.abs(self.across) < 0.5 * self.gauge):
             raise ValueError(
                 f"across must be one or more offsets of less than half the gauge, "

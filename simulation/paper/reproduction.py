@@ -149,7 +149,7 @@ def map_of_published_model() -> DynamicMap:
     parameters = published_parameters().as_array()
     twist = solve(V_l, V_r, parameters, AURIGA_ALPHA, form="literal").twist
     residual = np.zeros_like(V_l)
-    is_solved, tips = residual == 0.0, residual > 0.0
+    is_solved, tips = np.ones(V_l.shape, bool), np.zeros(V_l.shape, bool)
     motion = SteadyMotion(V_l, V_r, PaperTwist(*twist), residual, is_solved, tips)
     return map_of(motion, AURIGA_ALPHA)
 

@@ -56,13 +56,13 @@ def digest(plan: Plan, engine: Engine) -> str:
     Their number, names for people, and the baseline of comparisons do not count.
     """
     cells = [json_types(cell) for cell in plan.cells]
-    recordings = {}
-    for cell, data in zip(plan.cells, cells, strict=True):
+    for data in cells:
         del data["index"], data["values"]  # places in the sweep
-        if cell.scenario.trajectory_file:
-            file = Path(cell.scenario.trajectory_file)
-            content = hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else "missing"
-            recordings[str(file)] = content
+    recordings = {}
+    for name in filter(None, {cell.scenario.trajectory_file for cell in plan.cells}):
+        file = Path(name)
+        content = hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else "missing"
+        recordings[str(file)] = content
     identity = {
         "format": FORMAT,
         "engine": engine.name,

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
+    CancelledError,
     Executor,
     Future,
     ThreadPoolExecutor,
@@ -27,6 +28,7 @@ from icreckon.simulation.study.cells import Cell, Plan
 from icreckon.simulation.study.failures import RunScores, exclude_failed, unscored
 
 BLOCKS_PER_WORKER = 2  # blocks queued: no worker is ever idle, and little is lost if one dies
+DEAD = BrokenExecutor, CancelledError  # of blocks whose worker died
 POLL_SECONDS = 0.5  # longest wait for blocks between checks for signals [s]
 
 
@@ -143,7 +145,7 @@ def run_jobs(
                         runs_left=progress.runs_left - runs,
                     )
                     report(progress)
-        except BrokenExecutor as problem:
+        except DEAD as problem:
             raise SimulationError(
                 f"a worker died (out of memory?): {problem}; finished blocks are kept: give the same "
                 "command again, with fewer workers"
@@ -167,7 +169,7 @@ def _result(future: Future[Worked], cell: Cell, job: Job) -> tuple[Floats, Reaso
     """Statistics and reasons of a block; a SimulationError if it failed."""
     try:
         values, reasons, versions = future.result()
-    except BrokenExecutor:
+    except DEAD:
         raise
     except Exception as problem:
         changes = ", ".join(f"{key} = {value}" for key, value in cell.values.items())

@@ -70,7 +70,7 @@ class BlockStore:
                 reasons = np.array(data["reasons"])
         except UNREADABLE:
             return None
-        if digest != self._digest or values.shape[1] < job.count:
+        if digest != self._digest or values.ndim != 3 or values.shape[1] < job.count:
             return None
         return values[:, : job.count], reasons[:, : job.count]
 

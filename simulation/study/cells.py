@@ -94,7 +94,7 @@ def expand(study: Study) -> Plan:
             of the scenario's terrain that acts in no cell.
         EstimatorError: no such robot.
     """
-    robot = _changed_robot(load_robot(study.robot), flatten(study.robot_changes))
+    robot = changed_robot(load_robot(study.robot), flatten(study.robot_changes), "robot_changes")
     axes, dimensions = _dimensions(study)
     count = math.prod(len(points) for points in dimensions)
     if count > MOST_CELLS:
@@ -186,13 +186,13 @@ def _cell(
         else:
             scenario_changes[key] = value
     scenario = _changed_scenario(study, scenario_changes)
-    robot = _changed_robot(robot, robot_changes[ROBOT])
-    true_robot = _changed_robot(robot, robot_changes[TRUE_ROBOT])
+    robot = changed_robot(robot, robot_changes[ROBOT], ROBOT)
+    true_robot = changed_robot(robot, robot_changes[TRUE_ROBOT], TRUE_ROBOT)
     modelled = _with_noise_of(robot, true_robot, scenario) if study.filters_know_noise else robot
-    modelled = _changed_robot(modelled, robot_changes[FILTER])
+    modelled = changed_robot(modelled, robot_changes[FILTER], FILTER)
     filters = []
     for spec in study.filters():
-        own_robot = _changed_robot(modelled, flatten(spec.robot))
+        own_robot = changed_robot(modelled, flatten(spec.robot), f"robot of {spec.label}")
         settings = _with_wander(spec.made_settings(), own_robot, scenario)
         assumptions(own_robot, find_variant(spec.variant), settings)  # raises if they do not fit
         filters.append(Filter(spec.label, spec.variant, own_robot, settings))
@@ -239,11 +239,6 @@ def _root(key: str) -> str:
             f"sweep: {key!r} is a table; give a key in it, as {root}.vehicle.mass"
         )
     return root
-
-
-def _changed_robot(robot: Robot, changes: dict[str, Any]) -> Robot:
-    """Robot file with changes (dotted key -> value), of which there may be none."""
-    return changed_robot(robot, changes) if changes else robot
 
 
 def _changed_scenario(study: Study, changes: dict[str, Any]) -> Scenario:

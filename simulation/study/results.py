@@ -283,8 +283,8 @@ def alike(values: Floats, axis: int) -> list[list[int]]:
         item = items[index]
         if np.isnan(item).all():
             continue
-        last = items[groups[-1][0]] if groups else np.nan
-        if np.allclose(item, last, rtol=ROUNDING, atol=0.0, equal_nan=True):
+        last = items[groups[-1][0]] if groups else None
+        if last is not None and np.allclose(item, last, ROUNDING, 0.0, equal_nan=True):
             groups[-1].append(index)
         else:
             groups.append([index])

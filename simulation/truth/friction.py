@@ -170,6 +170,7 @@ def drive(
     if start is not None:
         states[0] = start
         pose[2] = start[5]
+    rows = patch_rows(patches)
     for first, last in _spans(payloads, count, step):
         # Payloads change at grid points: half a step later it is certain which are carried.
         middle = (first + 0.5) * step
@@ -183,7 +184,6 @@ def drive(
         tracks = ode.DrivenTracks(first * step, step, *grid)
         motion = ode.GridMotion(pose, states[span], slopes[span], tipping[span], residual[span])
         scales = np.array([SMALL_VELOCITY] * 3 + [SMALL_LOAD * body.weight] * 2 + [SMALL_YAW])
-        rows = patch_rows(patches)
         reached = ode.integrate(vehicle, surface, rows, tracks, tolerance, scales, motion)
         if first + reached < last:
             raise SimulationError(

@@ -119,6 +119,7 @@ def test_spread_zero_is_the_robot_file():
         ({"trajectory": "slalon"}, "did you mean 'slalom'"),
         ({"seed": 10**23}, "seed must be a whole number"),
         ({"duration": -1.0}, "duration"),
+        ({"trajectory_options": {"hodl": 1.0}}, "has no option 'hodl'; did you mean 'hold'"),
         ({"trajectory_file": "drive.csv"}, "set trajectory = 'recorded'"),
         ({"track_rate": 1e4, "duration": 600.0}, "track_rate = 10000.0 Hz over 600.0 s makes 6e"),
         ({"duration": 3e4}, "the true motion at 200 Hz .* makes 6e"),
@@ -132,6 +133,7 @@ def test_spread_zero_is_the_robot_file():
             {"payloads": (Payload(time=(400.0, 410.0), mass=1.0),)},
             "time of all payloads is outside",
         ),
+        (KINEMATIC | {"patches": PATCHES}, "kinematic truth does not support patches"),
         (KINEMATIC | {"patches": PATCHES, "payloads": LOADS}, "support patches or payloads"),
         (KINEMATIC | {"track_lag": 0.1}, "kinematic truth does not support track_lag"),
         (KINEMATIC | {"terrain": Terrain(slope_deg=1.0)}, "truth does not support terrain"),
@@ -235,6 +237,9 @@ def test_changes_go_over_a_scenario_key_by_key():
 def test_options_reach_the_trajectory():
     slow = Scenario(trajectory="straight", trajectory_options={"speed": 0.2}, duration=10.0)
     assert simulate(slow, ALPHA).truth.tracks.speeds[-1] == pytest.approx([0.2, 0.2])
+    fast = Scenario(trajectory="circle", trajectory_options={"speed": 0.9}, duration=10.0)
+    with pytest.raises(SimulationError, match="more than max_track_speed"):
+        simulate(fast, ALPHA)
 
 
 def test_a_recorded_drive_from_a_file_beside_the_scenario_and_from_memory(tmp_path, monkeypatch):

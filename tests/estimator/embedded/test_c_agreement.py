@@ -160,7 +160,7 @@ def taken(log: Log) -> list[Measurement]:
     return [one for one in log.measurements() if type(one).__name__ in kinds]
 
 
-LONG = [(120.0, 0.0), thorough(3600.0, 0.0), thorough(3600.0, 0.2)]
+LONG = [(300.0, 0.0), thorough(3600.0, 0.0), thorough(3600.0, 0.2)]
 
 
 @pytest.mark.parametrize(("duration", "fix_rate"), LONG)

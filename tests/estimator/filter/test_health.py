@@ -1,15 +1,26 @@
 """What the estimator says about its own condition."""
 
 import math
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
 from fed_estimators import feed_all
-from icreckon import PoseEstimator, Scenario, Slip, load_robot, simulate
+from icreckon import Finding, PoseEstimator, Scenario, Slip, load_robot, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.filter.gate import Gate
-from icreckon.estimator.filter.health import EXCITED, JudgedInnovation, ParameterHealth
+from icreckon.estimator.filter.health import (
+    EXCITED,
+    Health,
+    JudgedInnovation,
+    NoiseHealth,
+    ParameterHealth,
+    SensorHealth,
+    TiltHealth,
+    TrackLatencyHealth,
+    WanderHealth,
+)
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -27,6 +38,36 @@ STEP = 10_000_000
 # epsilon_F, too, acts in any turn: against the rolling resistance.
 OFFSETS = {"zeta0", "epsilon0", "eta0", "epsilon_F"}
 GAINS = {"zeta1", "epsilon1", "eta1", "eta2"}
+FULL = Health(
+    sensors={
+        "gyro": SensorHealth(
+            *(1, {"gate": 2}, 3.0, 4, 5, 6, 7.0, 8.0, (9, 0, (1.0,), ((2.0,),)), 10)
+        )
+    },
+    standstill_updates=1,
+    track_gaps=2,
+    clock_steps=4,
+    track_latency=TrackLatencyHealth(0.1),
+    noise={"gyro": NoiseHealth(1.0, 2.0, 3.0)},
+    findings=[Finding("robot", "", "carried", 1, None, "shaken", "none")],
+    times={"carried": 1},
+    slip_factor=2.0,
+    wander=WanderHealth(1.0, 2.0, 3.0),
+    tilt=TiltHealth(1.0, 2.0, 3.0, is_wrong=True),
+)
+
+
+@pytest.mark.parametrize(
+    ("full", "empty"), [(FULL, Health()), (FULL.sensors["gyro"], SensorHealth())]
+)
+def test_a_copy_has_all_fields_and_shares_no_counts(full, empty):
+    for one in fields(full):
+        assert getattr(full, one.name) != getattr(empty, one.name), one.name
+    copied = full.copy()
+    assert copied == full
+    for one in fields(full):
+        value = getattr(full, one.name)
+        assert not isinstance(value, dict | list) or getattr(copied, one.name) is not value
 
 
 def excited(left, right, variant="inertia-online"):

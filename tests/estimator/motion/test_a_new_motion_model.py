@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from complex_step import assert_derivatives
-from fed_estimators import feed_all, known, short_log
+from fed_estimators import feed_all, known
 from icreckon import FilterSpec, Log, PoseEstimator, Scenario, compare, run, run_many, simulate
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.log.measurements import ImuSample, Measurement, TrackSpeeds
 from icreckon.estimator.motion.bounds import ETA0, index_bounds
 from icreckon.estimator.motion.icr import IndexValues, Number, PaperTwist
-from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.motion.motion_model import (
     LEVEL,
     Gravity,
@@ -169,24 +168,3 @@ def test_what_cannot_be_a_variant_is_refused():
         register(Variant(SHIPPED, "constant", online=True, motion=fast_turns))
     with pytest.raises(EstimatorError, match="no model named 'constnat'; did you mean 'constant'"):
         register(Variant("mine", "constnat", online=True))  # type: ignore[arg-type]
-
-
-class Remembers(LaggedIndexMotion):
-    """The shipped model with memory, executed in Python as one that is no part of the package."""
-
-
-def test_what_a_model_remembers_goes_back_in_time_and_into_files(tmp_path):
-    own = Variant("remembers", "inertia", online=True, motion=lambda r: Remembers(r.constants))
-    register(own)
-    try:
-        some = list(short_log(duration=1.0).measurements())
-        late = feed_all(PoseEstimator(ALPHA, own.name), [*some[:30], *some[32:40], *some[30:32]])
-        in_order = feed_all(PoseEstimator(ALPHA, own.name), some[:40])
-        in_order.save(tmp_path / "saved.json")
-        restored = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
-        for estimator in (late, in_order, restored):
-            feed_all(estimator, some[40:])
-        assert np.abs(in_order._reckoning.ekf.model.memory).max() > 0.01
-        assert known(late) == known(in_order) == known(restored)
-    finally:
-        del VARIANTS[own.name]

@@ -85,14 +85,11 @@ def test_innovations_are_white_noise_as_large_as_expected_when_the_slip_is_known
         assert nis[sensor] < 1.05 * degrees[sensor]
 
 
+@pytest.mark.parametrize("averaging", [0.05, held_tracks.ACCELERATION_AVERAGING])
 def test_innovations_of_accelerometers_are_as_large_as_expected_without_that_doubt(
-    monkeypatch: pytest.MonkeyPatch,
+    averaging: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By the textbook, which a test holds the filter to: some 6000 samples, statistics leave 0.02.
-
-    A shorter average of the track speeds' change is less late: by the shipped one of 0.1 s, innovations
-    are 7 % larger.
-    """
+    """By the textbook, which a test holds the filter to: some 6000 samples, statistics leave 0.02."""
     robot = msgspec.structs.replace(ALPHA, slip={"inertia-fixed": SLIP})
     squares: list[list[float]] = [[], []]
 
@@ -104,16 +101,21 @@ def test_innovations_of_accelerometers_are_as_large_as_expected_without_that_dou
 
     monkeypatch.setattr(sensor_models, "CENTRIPETAL_DOUBT", 0.0)
     for module in (held_tracks, step_inputs):
-        monkeypatch.setattr(module, "ACCELERATION_AVERAGING", 0.05)
+        monkeypatch.setattr(module, "ACCELERATION_AVERAGING", averaging)
     monkeypatch.setattr("icreckon.estimator.reference.filter.accelerometer", judged)
     for index in range(2):
         textbook = ReferenceFilter(robot, "inertia-fixed")
         for m in simulate(IN_STEP, ALPHA, run_index=index).measurements():
             textbook.take(m)
-    assert np.mean(squares, axis=1) == pytest.approx([1.0, 1.0], abs=0.05)
+    means = np.mean(squares, axis=1)
+    if averaging == 0.05:
+        assert means == pytest.approx([1.0, 1.0], abs=0.05)
+    # A longer average is later, and innovations are 7 % larger than expected.
+    assert means.max() < 1.1
 
 
-@pytest.mark.parametrize(("variant", "imu_rate"), [("inertia-online", 100.0), ("gyro", 25.0)])
+@pytest.mark.parametrize("variant", ["gyro", "inertia-online"])
+@pytest.mark.parametrize("imu_rate", [100.0, 25.0])
 def test_a_turn_over_a_second_is_as_uncertain_as_the_gyro_whatever_its_rate(variant, imu_rate):
     scaled, second = [], 10**9
     for index in range(3):

@@ -20,7 +20,6 @@ from icreckon.estimator.log.measurements import (
     ZeroVelocity,
 )
 from icreckon.estimator.streaming import late_measurements as history
-from same_runs import assert_same_estimate
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_123_456_789
@@ -97,16 +96,6 @@ def test_the_order_of_arrival_does_not_matter(seed, longest, share):
 def test_the_order_of_arrival_does_not_matter_at_the_start_and_on_the_way(first, later):
     mixed = [*first, *MEASUREMENTS[12:60], *later, *MEASUREMENTS[75:]]
     assert known_in_any_order(fed(mixed)) == in_order()
-
-
-def test_plain_python_gives_the_same():
-    some = MEASUREMENTS[100:250]
-    plain, compiled = (fed(some, settings=Settings(engine=name)) for name in ("plain", "compiled"))
-    assert_same_estimate(plain, compiled)
-    rejected = compiled.health.rejections()
-    assert {"gyro: jumped", "position: gate"} <= rejected.keys()
-    kinds = {"body velocity", "heading", "pose", "zero velocity"}
-    assert all(compiled.health.sensors[name].used for name in kinds)
 
 
 def test_a_late_measurement_tells_whether_it_was_used():

@@ -26,24 +26,27 @@ def test_two_with_one_default_output_take_two_names(tmp_path: Path) -> None:
     assert not any("Traceback" in one.communicate(timeout=240)[1] for one in both)
     codes = [one.returncode for one in both]
     assert set(codes) <= {0, 1}
-    folders = [path for path in tmp_path.iterdir() if path.name.startswith("icreckon-replay")]
-    assert len(folders) == codes.count(0) >= 1
-    assert all(results_in(folder)["variants"] for folder in folders)
-    assert not list(tmp_path.glob(".*"))
+    done = codes.count(0)
+    folders = [one for one in tmp_path.iterdir() if (one / "results.json").is_file()]
+    assert len(folders) == done >= 1
+    assert not [one for one in tmp_path.iterdir() if one.name.startswith(".")]
+    for folder in folders:
+        assert results_in(folder)["variants"]
 
 
 @pytest.fixture
 def read_only(tmp_path: Path) -> Iterator[Path]:
-    """A copy of the package that cannot be written to."""
+    """A copy of the package, and an empty home, that cannot be written to."""
     place = tmp_path / "installed"
     skip = shutil.ignore_patterns("__pycache__", ".git")
     shutil.copytree(REPOSITORY / "icreckon", place / "icreckon", ignore=skip)
+    (place / "home").mkdir()
     subprocess.run(["chmod", "-R", "a-w", place], check=True)
     yield place
     subprocess.run(["chmod", "-R", "u+w", place], check=True)
 
 
-def confined(place: Path, *words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+def confined(place: Path, *words: object, home: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run a command of a read-only installation; root without its privilege to write anywhere."""
     rights = "-dac_override,-dac_read_search"
     prefix = ["setpriv", "--bounding-set", rights, "--inh-caps", rights]
@@ -58,7 +61,7 @@ def confined(place: Path, *words: object, cwd: Path) -> subprocess.CompletedProc
         capture_output=True,
         text=True,
         cwd=cwd,
-        env={**env, "PYTHONPATH": str(place), "HOME": str(place / "none")},
+        env={**env, "PYTHONPATH": str(place), "HOME": str(place / home)},
         timeout=300,
         check=False,
     )
@@ -66,7 +69,12 @@ def confined(place: Path, *words: object, cwd: Path) -> subprocess.CompletedProc
 
 def test_a_read_only_installation_reads_logs(tmp_path: Path, read_only: Path) -> None:
     drive(tmp_path / "log", STAMPS)
-    done = confined(read_only, "inspect", "log", "--write", "new.toml", cwd=tmp_path)
+    done = confined(read_only, "inspect", "log", "--write", "new.toml", home="none", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "new.toml").is_file()
     assert not any("arning" in line for line in done.stderr.splitlines())
+    failed = confined(read_only, "prepare", home="home", cwd=tmp_path)
+    assert failed.returncode == 1
+    (line,) = failed.stderr.strip().splitlines()
+    assert line.startswith("icreckon: ")
+    assert "NUMBA_CACHE_DIR" in line

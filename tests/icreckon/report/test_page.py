@@ -171,7 +171,10 @@ def test_charts_have_axes_with_units_and_rows_that_match(results: dict[str, Any]
             assert {len(columns[name]) for name in used} == {len(columns[item["x"]])}
     (position,) = (chart for chart in data["charts"] if chart["title"] == "Position error")
     assert position["spans"] == results["truth"]["scored_s"]
-    assert {band["times"] for band in position["bands"]} == {3.0}
+    for band in position["bands"]:
+        sigma = results["series"]["variants"][band["series"]]["position_sigma_m"]
+        assert (band["times"], band["middle"]) == (3.0, None)
+        assert columns[band["sigma"]] is sigma
     learnt = {chart["title"]: chart["y_label"] for chart in data["charts"]}
     assert learnt["Steering efficiency index without force, η₀"] == "eta0 [-]"
     assert learnt["Bias of the gyro"] == "gyro_bias [rad/s]"
@@ -544,6 +547,11 @@ def test_a_parameter_that_one_variant_learns_is_a_chart(changed, change):
     (chart,) = (one for one in page_data(moved)["charts"] if one["title"] == "Bias of the gyro")
     for part in ("lines", "bands"):
         assert [one["series"] for one in chart[part]] == ["inertia-online"]
+
+
+@pytest.mark.parametrize(("seconds", "rows"), [(90.0, 1500), (600.0, 2400), (36_000.0, 4000)])
+def test_longer_logs_have_more_rows_up_to_a_limit(seconds: float, rows: int) -> None:
+    assert plot_series.series_points(seconds) == rows
 
 
 def test_faults_are_named_with_their_times(changed) -> None:

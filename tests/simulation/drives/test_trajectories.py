@@ -156,6 +156,13 @@ def test_bad_options_are_refused_in_one_line(name, options, message):
     assert "\n" not in str(caught.value)
 
 
+def test_too_fast_is_refused_with_what_to_lower():
+    with pytest.raises(
+        SimulationError, match=r"reaches 1.2 m/s.*; raise that, or lower speed or turn"
+    ):
+        make_trajectory("circle", 10.0, ALPHA, None, {"speed": 0.8, "turn": 0.4})
+
+
 def series(times, speeds):
     stamps = 1_700_000_000_000_000_000 + np.rint(np.asarray(times) * 1e9).astype(np.int64)
     return TrackSpeedSeries(stamps, np.asarray(speeds, dtype=float))

@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, CancelledError, Future, ThreadPoolExecutor
 
 import msgspec
 import numpy as np
@@ -128,7 +128,7 @@ def test_a_finished_study_is_not_worked_out_again(tmp_path, undisturbed):
     assert contents(folder) == undisturbed
 
 
-@pytest.mark.parametrize("damage", ["cut", "turned", "other"])
+@pytest.mark.parametrize("damage", ["cut", "turned", "other", "shape", "flat"])
 def test_a_damaged_block_is_worked_out_again(tmp_path, undisturbed, damage):
     folder = tmp_path / "undisturbed"
     block = sorted((folder / "blocks").iterdir())[1]
@@ -140,7 +140,12 @@ def test_a_damaged_block_is_worked_out_again(tmp_path, undisturbed, damage):
         block.write_bytes(whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :])
     else:
         with np.load(block) as data:
-            np.savez(block, **{**data, "digest": np.array("sha256:other")})
+            changed = {
+                "other": {"digest": np.array("sha256:other")},
+                "shape": {"values": data["values"][:, :1]},
+                "flat": {"values": data["values"].ravel()},
+            }[damage]
+            np.savez(block, **{**data, **changed})
     told = []
     run_study(STUDY, folder, workers=1, report=told.append)
     assert told[0].found_blocks == 5
@@ -240,3 +245,15 @@ def test_after_a_worker_has_died_the_same_command_goes_on(tmp_path, undisturbed,
     run_study(STUDY, tmp_path / "a", workers=2)
     name = "results.parquet"
     assert contents(tmp_path / "a")[name] == undisturbed[name]
+
+
+@pytest.mark.parametrize("error", [BrokenExecutor("gone"), CancelledError("gone")])
+def test_an_executor_whose_workers_die_ends_the_study(tmp_path, error):
+    class Dying(ThreadPoolExecutor):
+        def submit(self, *_work):
+            future = Future()
+            future.set_exception(error)
+            return future
+
+    with pytest.raises(SimulationError, match=r"a worker died .*gone; finished blocks are kept"):
+        run_study(STUDY, tmp_path / "a", executor=Dying(1), workers=1)

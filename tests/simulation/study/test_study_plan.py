@@ -103,6 +103,12 @@ def test_a_latin_hypercube_has_one_point_in_each_layer_of_each_range():
     assert all(axis.sampled for axis in plan.axes)
 
 
+def test_there_are_twenty_true_motions_unless_told():
+    assert expanded(runs=5).cells[0].truths == 20
+    assert expanded(runs=500).cells[0].truths == 20
+    assert expanded(runs=500, truths=50).cells[0].truths == 50
+
+
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [

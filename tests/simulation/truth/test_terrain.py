@@ -230,6 +230,8 @@ def test_a_kerb_pitches_the_vehicle_up_for_about_its_length() -> None:
     ("values", "message"),
     [
         ({"slope_deg": -1.0}, "slope_deg of the terrain must be between 0 and 60 degrees"),
+        ({"rolling_deg": 31.0}, "rolling_deg of the terrain must be between 0 and 30 degrees"),
+        ({"kerb_every": 0.0}, "kerb_every of the terrain must be a positive"),
         ({"slope_deg": "steep"}, "slope_deg of a Terrain: Expected `float`, got `str`"),
         ({"kerb_height": 0.5}, "kerb_height of the terrain must be at most 0.231 m"),
         ({"rolling_deg": 20.0, "wavelength": 0.5}, "wavelength of the terrain must be at least"),
