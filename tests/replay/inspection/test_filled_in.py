@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from command_line import fails, icreckon, succeeds
+from icreckon import inspect
 from icreckon.replay.inspection.filled_in import with_filled_in
 
 PROPOSED = """\
@@ -114,17 +115,22 @@ def test_the_command_keeps_it(tmp_path: Path):
     assert path.read_text(encoding="utf-8") == broken
 
 
-def test_eta0_is_computed_once_the_radius_is_filled_in(tmp_path: Path):
-    """Rates of wheels and no truth: the effective track of 0.9 m is in units of the radius."""
+def weaving(path: Path, tracks: str, per_metre: float = 1.0, gyro: float = 1.0) -> Path:
+    """Table of a drive with an effective track of 0.9 m; speeds and rates in other units."""
     seconds = np.arange(0.0, 60.0, 0.02)
     rate = 0.6 * np.sin(0.4 * seconds)
-    left, right = (5.0 * (0.5 + side * 0.5 * rate * 0.9) for side in (-1.0, 1.0))
+    left, right = (per_metre * (0.5 + side * 0.5 * rate * 0.9) for side in (-1.0, 1.0))
     none = np.zeros_like(seconds)
-    rows = np.column_stack(
-        [1.7e9 + seconds, left, right, none, none, rate, none, none, none + 9.81]
-    )
-    head = "time,left_rad_s,right_rad_s,gyro_x,gyro_y,gyro_z,acc_x,acc_y,acc_z"
-    np.savetxt(tmp_path / "own.csv", rows, "%.9f", ",", header=head, comments="")
+    columns = [1.7e9 + seconds, left, right, none, none, gyro * rate, none, none, none + 9.81]
+    head = f"time,{tracks},gyro_x,gyro_y,gyro_z,acc_x,acc_y,acc_z"
+    how = {"delimiter": ",", "fmt": "%.9f", "comments": "", "header": head}
+    np.savetxt(path, np.column_stack(columns), **how)
+    return path
+
+
+def test_eta0_is_computed_once_the_radius_is_filled_in(tmp_path: Path):
+    """Rates of wheels and no truth: the effective track is in units of the radius."""
+    weaving(tmp_path / "own.csv", "left_rad_s,right_rad_s", per_metre=5.0)
     path, command = tmp_path / "robot.toml", ("inspect", "own.csv", "--write", "robot.toml")
     assert "--overwrite, which computes eta0" in icreckon(*command, cwd=tmp_path).stderr
     text = path.read_text(encoding="utf-8")
@@ -136,3 +142,15 @@ def test_eta0_is_computed_once_the_radius_is_filled_in(tmp_path: Path):
     found = tomllib.loads(path.read_text(encoding="utf-8"))
     assert found["indices"]["eta0"] == pytest.approx(4.5 * 0.2 / 0.5, rel=0.02)
     assert found["vehicle"]["max_track_speed"] == pytest.approx(1.2 * 0.2 * 3.85, rel=0.05)
+
+
+@pytest.mark.parametrize("unit", ["rad/s", "deg/s"])
+def test_a_gyro_of_a_table_in_degrees_is_seen_by_its_size(tmp_path: Path, unit: str):
+    """The track of the proposal is that of the robot."""
+    gyro = np.degrees(1.0) if unit == "deg/s" else 1.0
+    found = inspect(weaving(tmp_path / "own.csv", "left_speed_m_s,right_speed_m_s", gyro=gyro))
+    proposed = tomllib.loads(found.proposed_robot_file)
+    assert proposed["log"]["columns"]["imu"]["rate_unit"] == unit
+    assert proposed["vehicle"]["track_gauge"] == pytest.approx(0.9, rel=0.02)
+    told = [note for note in found.notes if "taken for deg/s" in note]
+    assert len(told) == (unit == "deg/s")

@@ -11,7 +11,7 @@ from test_inspection import driven_log
 
 from conftest import inspected, sample_log, thorough
 from icreckon import Log, Scenario, compare, drift, inspect, read_log, simulate, write_log
-from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
+from icreckon.estimator.log.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
 from icreckon.replay.checking.robot_check import check_robot, is_of_another
 from icreckon.replay.estimates import wheels
@@ -23,17 +23,46 @@ from icreckon.replay.mapping.topics import TopicMap, TrackTopic
 RADIUS, TRACK = 0.2, 0.6
 
 
+def in_rates(log: Log) -> Log:
+    """The driven log with rates of wheels instead of speeds, and the truth of where it went."""
+    speeds = log.tracks.speeds
+    v, w = speeds.mean(axis=1), (speeds[:, 1] - speeds[:, 0]) / TRACK
+    seconds = (log.tracks.stamps - log.tracks.stamps[0]) * 1e-9
+    yaw = np.concatenate([[0.0], np.cumsum(0.5 * (w[1:] + w[:-1]) * np.diff(seconds))])
+    ways = [
+        np.concatenate([[0.0], np.cumsum((v * part)[:-1] * np.diff(seconds))])
+        for part in (np.cos(yaw), np.sin(yaw))
+    ]
+    poses = PoseSeries(log.tracks.stamps, np.column_stack([*ways, yaw]))
+    tracks = TrackSpeedSeries(log.tracks.stamps, speeds / RADIUS)
+    return replace(log, tracks=tracks, truth=Truth(poses))
+
+
 def looked_at(log: Log):
     mounting = estimate_mounting(log)
     rates = vertical_rate(log.imu, mounting)
     return mounting, rates, wheels.wheel_estimates(log, rates, mounting.turning_correlation)
 
 
-def suspicions(log: Log, *, from_twist: bool = False) -> list[str]:
+def suspicions(log: Log, *, rates: bool = False, from_twist: bool = False) -> list[str]:
     sides = {} if from_twist else {"left": ("l",), "right": ("r",)}
-    tracks = TrackTopic("/speeds", **sides, unit="m/s")
+    tracks = TrackTopic("/speeds", **sides, unit="rad/s" if rates else "m/s")
     seen = LogEstimates(TopicMap(tracks), {}, log, NO_SIZES, *looked_at(log))
     return [*unit_suspicions(seen, log)]
+
+
+def test_effective_radius_and_track() -> None:
+    log = in_rates(driven_log((180.0, 5.0, 0.0)))
+    _, _, estimates = looked_at(log)
+    assert estimates.distance.value == pytest.approx(RADIUS, rel=0.02)
+    assert estimates.distance.source == "truth"
+    assert estimates.track.value == pytest.approx(TRACK / RADIUS, rel=0.05)
+    _, _, estimates = looked_at(replace(log, truth=None))
+    assert estimates.distance is None
+
+
+def test_rates_that_are_right_are_not_suspicious() -> None:
+    assert suspicions(in_rates(driven_log((0.0, 0.0, 0.0))), rates=True) == []
 
 
 @pytest.mark.parametrize(
@@ -53,6 +82,7 @@ def test_noise_of_fixes_is_in_the_error_of_the_radius(seconds: int, sigma: float
         fixes = FixSeries(stamps[::50], poses, np.full((seconds, 2), sigma**2))
         rates = YawRates(stamps, still[:, 2])
         found = wheels.wheel_estimates(replace(log, fixes=fixes), rates, None).distance
+        assert found.source == "fixes"
         ratios.append(found.value)
         sigmas.append(found.sigma)
     errors = (np.array(ratios) / RADIUS - 1.0) / (np.array(sigmas) / RADIUS)
