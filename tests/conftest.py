@@ -55,6 +55,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: order.get(item.path.name, len(LONG)))
 
 
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """Command of a browser; tests that need one are skipped without."""
+    for name in ("chromium", "chromium-browser", "google-chrome"):
+        if found := shutil.which(name):
+            return found
+    pytest.skip("no chromium to open pages in (Debian: apt-get install chromium)")
+
+
 def thorough(*values: object) -> Any:
     """Values of a parametrised test that are tried with `-m thorough` only."""
     return pytest.param(*values, marks=pytest.mark.thorough)

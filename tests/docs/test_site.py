@@ -67,20 +67,26 @@ def test_references_to_the_source_that_pages_replace_are_in_docstrings() -> None
     ] == []
 
 
-@pytest.mark.slow
-def test_the_site_builds_strictly_and_loads_nothing_from_outside(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if find_spec("mkdocstrings") is None:
         pytest.skip("no mkdocs: pip install -e '.[docs]'")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
     assert done.returncode == 0, done.stderr
-    pages = {page: page.read_text(encoding="utf-8") for page in tmp_path.rglob("*.html")}
+    return folder
+
+
+@pytest.mark.slow
+def test_the_site_loads_nothing_from_outside(site: Path) -> None:
+    pages = {page: page.read_text(encoding="utf-8") for page in site.rglob("*.html")}
     assert len(pages) > 40
-    for file in (*pages, *tmp_path.rglob("*.css")):
+    for file in (*pages, *site.rglob("*.css")):
         found = LOADED.search(file.read_text(encoding="utf-8"))
-        assert found is None, f"{file.relative_to(tmp_path)} loads {found[0]}"
+        assert found is None, f"{file.relative_to(site)} loads {found[0]}"
     by_name = {
-        page.relative_to(tmp_path).with_suffix("").as_posix(): text for page, text in pages.items()
+        page.relative_to(site).with_suffix("").as_posix(): text for page, text in pages.items()
     }
     assert not any("<!-- table" in text or "end of table" in text for text in by_name.values())
     # Made from the code: a robot, a key, an option, a docstring.
@@ -88,3 +94,15 @@ def test_the_site_builds_strictly_and_loads_nothing_from_outside(tmp_path: Path)
     assert "<code>gyro_bias_walk</code>" in by_name["reference/robot-file"]
     assert "<code>--smooth</code>" in by_name["reference/commands"]
     assert "relative_motion" in by_name["reference/api/estimator"]
+
+
+@pytest.mark.slow
+def test_a_site_in_a_folder_is_searched(site: Path, chromium: str, tmp_path: Path) -> None:
+    command = [
+        *(chromium, "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run"),
+        *(f"--user-data-dir={tmp_path}", "--virtual-time-budget=20000", "--dump-dom"),
+        (site / "index.html").as_uri() + "?q=gyro_bias_walk",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    results = done.stdout.split('class="md-search-result"')[1]
+    assert "reference/robot-file.html?h=gyro_bias_walk" in results

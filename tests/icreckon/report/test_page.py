@@ -4,7 +4,6 @@ import copy
 import html
 import json
 import re
-import shutil
 import subprocess
 from base64 import b64encode
 from dataclasses import replace
@@ -265,14 +264,6 @@ def test_fixes_throughout_leave_nothing_to_score() -> None:
 
 
 # --- in a browser --------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def chromium() -> str:
-    for name in ("chromium", "chromium-browser", "google-chrome"):
-        if found := shutil.which(name):
-            return found
-    pytest.skip("no chromium to open the page in (Debian: apt-get install chromium)")
 
 
 TELL = """
