@@ -18,6 +18,7 @@ from icreckon.replay.mapping.columns import (
     TrackColumns,
 )
 from icreckon.replay.mapping.track_units import counter_range
+from icreckon.replay.reading.conversions import jumps_by_360
 from icreckon.replay.reading.tables import Table
 
 TIME = re.compile(
@@ -95,7 +96,7 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
         # On the globe: x and y could be odometry instead.
         if fixes is None and (keys := naming.fix_keys(measured)):
             fixes = PoseColumns(**keys, **time._asdict())
-        truth = truth or _truth(true_names, time)
+        truth = truth or _truth(true_names, time, table)
     if main is None:
         return None
     imu = None
@@ -126,6 +127,9 @@ def unused_columns(tables: Sequence[Table], columns: ColumnMap | None) -> Iterat
         places = [name for name in names if PLACE_IN_PARTS.search(name.lower())]
         if places:
             yield f"positions not used: {', '.join(sorted(places))}; a truth is in metres"
+    yaws = [name for name in names if POSE_NAMES[2].search(naming.plain_name(name))]
+    if yaws and (columns.truth is None or columns.truth.yaw is None):
+        yield f"headings not used: {', '.join(sorted(yaws))}; see [log.columns.heading]"
 
 
 def _with_gravity(names: Sequence[str], table: Table) -> list[str]:
@@ -201,9 +205,10 @@ def _states_a_side_alone(name: str) -> bool:
     return all(map(BARE.fullmatch, words))
 
 
-def _truth(names: Sequence[str], time: _Time) -> PoseColumns | None:
+def _truth(names: Sequence[str], time: _Time, table: Table) -> PoseColumns | None:
     """Guess the columns of a truth's x, y and yaw; None without a position."""
     names = [name for name in names if not NO_PLACE.search(naming.plain_name(name))]
     x, y, yaw = (naming.first_like(names, pattern) for pattern in POSE_NAMES)
-    unit: AngleUnit = "deg" if yaw and naming.in_degrees(yaw) else "rad"
+    in_degrees = yaw and (naming.in_degrees(yaw) or jumps_by_360(table.numbers([yaw])[:, 0]))
+    unit: AngleUnit = "deg" if in_degrees else "rad"
     return PoseColumns(x=x, y=y, yaw=yaw, yaw_unit=unit, **time._asdict()) if x and y else None

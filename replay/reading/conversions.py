@@ -17,7 +17,14 @@ from icreckon.estimator.log.measurements import BodyVelocity, HeightFix
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import Vehicle
 from icreckon.replay.bags.message_types import IMU
-from icreckon.replay.mapping.columns import HeadingColumns, ImuColumns, PoseColumns, TrackColumns
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.mapping.columns import (
+    AngleUnit,
+    HeadingColumns,
+    ImuColumns,
+    PoseColumns,
+    TrackColumns,
+)
 from icreckon.replay.mapping.field_paths import field_reader
 from icreckon.replay.mapping.topics import (
     FixTopic,
@@ -30,13 +37,13 @@ from icreckon.replay.mapping.track_units import metres
 from icreckon.replay.reading.message_rows import BODY_READERS, TWIST, imu_row, planar_poses
 from icreckon.replay.reading.stream import Readers, Row, RowReader
 
-RADIANS = {"rad": 1.0, "deg": math.pi / 180.0}
 STANDARD_GRAVITY = 9.80665  # acceleration of a unit g [m/s²]
 RATES = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "mdps": math.pi / 180e3}
 ACCELERATIONS = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY}
 WORSE = 3.0  # stated sigma over the median from which a position is no truth, as of a float fix [-]
 WHOLE_DEGREES = 1e4  # beyond this whole numbers are 1e-7 deg, heights in mm (u-blox, MAVLink, PX4)
 LEAST_WHOLE_SIGMA = 10.0  # whole sigmas from here on, with such degrees, are in mm (u-blox)
+LEAST_JUMP = 340.0  # least jump of a yaw that is in degrees, and at most 360
 NO_PLACE = 0.02  # places nearer to latitude and longitude 0 may be simulated ones [deg]
 NO_HEADING_VARIANCE = 1e3  # yaw variance [rad²] from which a fix is assumed to have no heading
 
@@ -105,9 +112,22 @@ def pose_rows(spec: FixTopic | PoseColumns, rows: Floats) -> Floats:
         places = np.column_stack([values[spec.latitude], values[spec.longitude], altitude])
         of_place, of_sigma = _units_of_places(places, np.sqrt(variance))
         return np.column_stack([places * of_place, variance * of_sigma**2])
-    yaw = values[spec.yaw] * RADIANS[spec.yaw_unit] if spec.yaw else unknown
+    yaw = in_radians(spec.yaw, values[spec.yaw], spec.yaw_unit) if spec.yaw else unknown
     x, y = values[spec.x or ""], values[spec.y or ""]
     return np.column_stack([x, y, yaw_to_quaternion(yaw), variance, *([unknown] * 5)])
+
+
+def in_radians(name: str, yaw: Floats, unit: AngleUnit) -> Floats:
+    """Convert headings (n,) to rad; a ReplayError if they are not in `unit`."""
+    if unit == "rad" and jumps_by_360(yaw):
+        raise ReplayError(f'{name!r} jumps by 360, so it is in degrees: set its unit to "deg"')
+    return np.radians(yaw) if unit == "deg" else yaw
+
+
+def jumps_by_360(yaw: Floats) -> bool:
+    """Return True if headings (n,) jump as degrees do at the end of a turn."""
+    steps = np.abs(np.diff(yaw))
+    return bool(((steps > LEAST_JUMP) & (steps <= 360.0)).any())
 
 
 def _units_of_places(places: Floats, sigmas: Floats) -> tuple[tuple[float, float, float], float]:

@@ -21,7 +21,7 @@ from icreckon.replay.mapping.columns import (
     TimeUnit,
     TrackColumns,
 )
-from icreckon.replay.reading.conversions import RADIANS, imu_rows, pose_rows
+from icreckon.replay.reading.conversions import imu_rows, in_radians, pose_rows
 from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
 
 MOST_NAMED = 5  # most columns that a message names
@@ -359,7 +359,7 @@ def _rows(spec: Columns, values: Floats) -> tuple[str, Floats]:
     if isinstance(spec, ImuColumns):
         return COLUMNS, imu_rows(spec, values)
     if isinstance(spec, HeadingColumns):
-        yaw = values[:, 0] * RADIANS[spec.unit]
+        yaw = in_radians(spec.yaw, values[:, 0], spec.unit)
         yaw = 0.5 * np.pi - yaw if spec.clockwise else yaw
         return COLUMNS, np.column_stack([yaw, np.full(len(yaw), spec.sigma**2)])
     return (NAVSATFIX if spec.latitude else COLUMNS), pose_rows(spec, values)

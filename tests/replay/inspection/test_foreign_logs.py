@@ -22,6 +22,7 @@ from test_robot_messages import (
 
 from bag_messages import T, imu, joints, odometry, pose_stamped, robot_with, write_bag
 from icreckon import ReplayError, check_robot, inspect, load_robot, read_log, write_log
+from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.replay.checking.check import SCALE
 from icreckon.replay.estimates.imu_mounting import standstill
@@ -178,6 +179,22 @@ def test_names_with_units_in_brackets(tmp_path: Path) -> None:
     robot.write_text(found.proposed_robot_file.replace("= nan", "= 1.0"), "utf-8")
     log = read_log(path, load_robot(robot))
     assert len(log.tracks.stamps) == len(log.imu.stamps) == len(log.truth.poses.stamps)
+
+
+def test_a_yaw_in_degrees_is_known_by_its_jumps(tmp_path: Path) -> None:
+    """Or refused, where a robot file says it is in rad."""
+    path, robot = tmp_path / "own.csv", tmp_path / "robot.toml"
+    yaw = np.degrees(wrap_angle(YAW + 3.1))
+    rows = np.column_stack([SECONDS, LEFT, RIGHT, TURN, X, Y, yaw])
+    names = "t,left_rad_s,right_rad_s,gyro_z,true_x,true_y,true_yaw"
+    np.savetxt(path, rows, "%.9f", ",", header=names, comments="")
+    text = inspect(path).proposed_robot_file.replace("= nan", "= 1.0")
+    robot.write_text(text, "utf-8")
+    read = read_log(path, load_robot(robot)).truth.poses.poses
+    np.testing.assert_allclose(wrap_angle(read[:, 2] - YAW - 3.1), 0.0, atol=1e-9)
+    robot.write_text(text.replace('yaw_unit = "deg"', 'yaw_unit = "rad"'), "utf-8")
+    with pytest.raises(ReplayError, match="'true_yaw' jumps by 360"):
+        read_log(path, load_robot(robot))
 
 
 @pytest.mark.parametrize(
