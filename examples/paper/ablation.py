@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import msgspec
+from contacts import PaperContact, make_contact
+from readings import Reading, read_numbers
 from search import RANGES, Progress, refine
 
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.paper.contact import PaperContact
-from icreckon.simulation.paper.readings import Reading
-from icreckon.simulation.paper.reproduction import reproduce, within
+from icreckon.simulation.paper.reproduction import paper_map, published_rows, within
 
 EVALUATIONS = 12
 
@@ -154,7 +154,7 @@ def count_close(guess: PaperContact) -> Count:
         guess: contact and reading.
     """
     try:
-        rows = reproduce(guess).printed_rows
+        values = read_numbers(paper_map(make_contact(guess.contact)), guess.reading)
     except SimulationError:
         return Count(
             within_5_percent=0,
@@ -163,6 +163,7 @@ def count_close(guess: PaperContact) -> Count:
             worst="",
             worst_percent=float("nan"),
         )
+    rows = tuple(row for row in published_rows(values) if not row.read_off)
     worst = max(rows, key=lambda row: abs(row.difference_percent))
     return Count(
         within_5_percent=within(rows, 5.0),

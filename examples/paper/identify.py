@@ -2,8 +2,8 @@
 
     python examples/paper/identify.py [--seed 0] [--out FOLDER]
 
-takes minutes. It writes `contact.toml`, which `icreckon.simulation.paper.contact.load_paper_contact`
-reads, and `identification.json`: all candidates and the ablation. It prints the ablation as a table.
+takes minutes. It writes `contact.toml`, which `contacts.load_paper_contact` reads, and
+`identification.json`: all candidates and the ablation. It prints the ablation as a table.
 """
 
 from __future__ import annotations
@@ -16,9 +16,8 @@ from typing import Any
 
 import msgspec
 from ablation import Ablation, Count, ablate
+from contacts import PaperContact
 from search import SAMPLES, STARTS, identify
-
-from icreckon.simulation.paper.contact import PaperContact
 
 HERE = Path(__file__).parent
 HEAD = (

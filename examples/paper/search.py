@@ -15,16 +15,16 @@ from typing import Any, NamedTuple, get_args
 
 import msgspec
 import numpy as np
+from contacts import ContactParameters, PaperContact, make_contact
 from numpy.random import Generator, default_rng
+from readings import Fit, Means, Reading, read_numbers
 from scipy.optimize import least_squares
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import IcreckonError
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.paper.contact import ContactParameters, PaperContact
 from icreckon.simulation.paper.published import PUBLISHED
-from icreckon.simulation.paper.readings import Fit, Means, Reading
-from icreckon.simulation.paper.reproduction import INERTIAS, numbers, paper_map
+from icreckon.simulation.paper.reproduction import INERTIAS, paper_map
 
 Progress = Callable[[float], None]
 
@@ -122,7 +122,7 @@ def deviations(
         count: track speeds per track of the map.
     """
     try:
-        values = numbers(paper_map(guess.contact, count=count), guess.reading)[0]
+        values = read_numbers(paper_map(make_contact(guess.contact), count=count), guess.reading)
     except IcreckonError:
         return np.full(len(targets), HOPELESS)
     return _relative(values, targets)
@@ -215,11 +215,11 @@ def search(
     for done in range(samples):
         contact = random_contact(rng) if done else ContactParameters()
         try:
-            mapped = paper_map(contact, count=count)
+            mapped = paper_map(make_contact(contact), count=count)
             found += [
                 _candidate(
                     PaperContact(contact=contact, reading=reading),
-                    _relative(numbers(mapped, reading)[0], targets),
+                    _relative(read_numbers(mapped, reading), targets),
                 )
                 for reading in readings
             ]

@@ -1,7 +1,5 @@
 """`icreckon paper`: the paper's numbers, tables and figures, reproduced."""
 
-import shutil
-
 import msgspec
 import numpy as np
 
@@ -13,10 +11,11 @@ from icreckon.replay.comparison.results import FORMAT, Results, versions, write_
 from icreckon.report.pages import unless_missing
 from icreckon.report.paper.tables import LEVELS, paper_page, paper_tables
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
-from icreckon.simulation.paper.contact import BEST_FILE, load_paper_contact
 from icreckon.simulation.paper.dynamic_map import VelocityErrors, write_motions
+from icreckon.simulation.paper.fits import LARGEST_INERTIA
 from icreckon.simulation.paper.published import published_errors
 from icreckon.simulation.paper.reproduction import (
+    CONTACT,
     Reproduction,
     check_intercepts,
     reproduce,
@@ -27,7 +26,7 @@ from icreckon.simulation.paper.reproduction import (
 DEFAULT_FOLDER = "icreckon-paper"
 # Width of a terminal from which on a table says where a number is in the paper [characters].
 WIDE_FROM = 100
-CONTACT_FILE, MOTIONS_FILE = "contact.toml", "motions.csv"
+MOTIONS_FILE = "motions.csv"
 PACKAGES = ("icreckon", "numpy", "scipy", "matplotlib", "msgspec")
 
 
@@ -37,10 +36,9 @@ def command(
     """Reproduce the paper: its numbers, its Table II, its figures."""
     with results_folder(out, DEFAULT_FOLDER, overwrite=overwrite) as folder:
         with working("reproducing tables and figures"):
-            reproduced = reproduce(load_paper_contact())
+            reproduced = reproduce()
         summary = json_types(_summary(reproduced))
         write_motions(folder / MOTIONS_FILE, reproduced.mapped)
-        shutil.copyfile(BEST_FILE, folder / CONTACT_FILE)
         with working("drawing figures"), unless_missing():
             from icreckon.report.paper.figures import write_figures
 
@@ -52,13 +50,15 @@ def command(
 
 def _summary(reproduced: Reproduction) -> Results:
     """Content of `results.json`."""
-    mapped, guess = reproduced.mapped, reproduced.guess
-    printed = reproduced.printed_rows
-    by_published = table_2_with_published_parameters(mapped, guess.reading)
+    mapped, printed = reproduced.mapped, reproduced.printed_rows
+    by_published = table_2_with_published_parameters(mapped)
     return {
         "format": FORMAT,
         "command": "paper",
-        "configuration": msgspec.to_builtins(guess),
+        "configuration": {
+            "contact": msgspec.to_builtins(CONTACT),
+            "largest_inertia_N": LARGEST_INERTIA,
+        },
         "seed": None,
         "versions": versions(PACKAGES),
         "published": [msgspec.to_builtins(row) for row in reproduced.rows],

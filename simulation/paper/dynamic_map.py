@@ -1,7 +1,7 @@
 """Dynamic mapping of the paper: ICRs, inertia, indices from stationary motions.
 
 Sections II to IV of the paper, on stationary motions from `simulation.contact.steady_state` over a
-grid of track speeds; `readings.py` derives means and fits from it. Symbols and axes are the paper's
+grid of track speeds; `fits.py` derives means and fits from it. Symbols and axes are the paper's
 (X right, Y forward); equations come from `icreckon.estimator.motion.icr`.
 """
 

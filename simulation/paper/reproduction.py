@@ -1,9 +1,10 @@
-"""Published and reproduced numbers of the paper, for a given contact and reading.
+"""Published and reproduced numbers of the paper.
 
 Also Table II of the published parameters themselves, and a check that shows that two of the published
 numbers contradict each other.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,9 +15,11 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.motion.icr import PaperTwist, symmetry_coordinates
 from icreckon.estimator.motion.index_model import solve
 from icreckon.estimator.robot.robot_file import ConstantIcr, Indices
+from icreckon.estimator.robot.soil import Soil
+from icreckon.simulation.contact.contact import Body, Contact, equally_spaced
 from icreckon.simulation.contact.steady_state import SteadyMotion, solve_steady, track_speed_grid
-from icreckon.simulation.paper.contact import ContactParameters, PaperContact, make_contact
 from icreckon.simulation.paper.dynamic_map import DynamicMap, Inertia, VelocityErrors, map_of
+from icreckon.simulation.paper.fits import fitted_parameters, mean_icrs, velocity_errors
 from icreckon.simulation.paper.published import (
     AURIGA_ALPHA,
     PUBLISHED,
@@ -25,9 +28,14 @@ from icreckon.simulation.paper.published import (
     published_mean_icrs,
     published_parameters,
 )
-from icreckon.simulation.paper.readings import Reading, read_errors, read_means, read_parameters
 
 INERTIAS: tuple[Inertia, ...] = ("measured", "literal", "smooth")
+# Contact that comes closest to the printed numbers, by `examples/paper`: the paper states none.
+CONTACT = Contact(
+    Soil(friction=0.921977, rolling_resistance=0.0538813),
+    equally_spaced(AURIGA_ALPHA.gauge, half_length=0.40016, count=5),
+    Body(AURIGA_ALPHA.mass, AURIGA_ALPHA.x_CM, AURIGA_ALPHA.y_CM, z_CM=0.753865),
+)
 
 
 class Row(PublishedNumber, frozen=True, kw_only=True):
@@ -43,7 +51,6 @@ class Row(PublishedNumber, frozen=True, kw_only=True):
 class Reproduction:
     """Reproduction of the paper: a map and the numbers derived from it."""
 
-    guess: PaperContact  # contact and reading
     mapped: DynamicMap  # the stationary motions
     icrs: ConstantIcr  # constant ICRs
     parameters: Indices  # the eight index parameters
@@ -73,47 +80,40 @@ class InterceptCheck(NamedTuple):
     mean_eta_by_fit: float  # mean efficiency by (27) with the published model's own inertia [-]
 
 
-def paper_map(parameters: ContactParameters, *, count: int = 21) -> DynamicMap:
+def paper_map(contact: Contact = CONTACT, *, count: int = 21) -> DynamicMap:
     """Stationary motions of Auriga-alpha over the paper's grid, by default 21 x 21.
 
     Raises:
-        SimulationError: an invalid contact, or pairs without a stationary motion.
+        SimulationError: pairs without a stationary motion.
     """
     V_l, V_r = track_speed_grid(count)
-    return map_of(solve_steady(V_l, V_r, make_contact(parameters)), AURIGA_ALPHA)
+    return map_of(solve_steady(V_l, V_r, contact), AURIGA_ALPHA)
+
+
+def reproduce() -> Reproduction:
+    """Reproduce all published numbers."""
+    mapped = paper_map()
+    icrs, parameters = mean_icrs(mapped), fitted_parameters(mapped)
+    errors = velocity_errors(mapped, parameters, icrs)
+    rows = published_rows(numbers(mapped, icrs, parameters, errors))
+    return Reproduction(mapped, icrs, parameters, errors, rows)
 
 
 def numbers(
-    mapped: DynamicMap, reading: Reading
-) -> tuple[dict[str, float], ConstantIcr, Indices, VelocityErrors]:
-    """Reproduce every published number, by its name, in the unit of `published`.
-
-    The constant ICRs, the index parameters and the errors of Table II, from which the numbers are taken,
-    are returned as well.
-
-    Raises:
-        SimulationError: the map gives no valid ICRs or parameters.
-    """
-    icrs = read_means(mapped, reading)
-    parameters = read_parameters(mapped, reading)
-    errors = read_errors(mapped, parameters, icrs, reading)
+    mapped: DynamicMap, icrs: ConstantIcr, parameters: Indices, errors: VelocityErrors
+) -> dict[str, float]:
+    """Reproduced numbers by the names of the published ones, in their units."""
     values = {f"mean_{name}": value for name, value in msgspec.structs.asdict(icrs).items()}
     values |= msgspec.structs.asdict(parameters)
     for model, rmse in (("inertia", errors.inertia_based), ("constant", errors.constant)):
         values |= {f"rmse_{model}_{axis}": value for axis, value in rmse._asdict().items()}
     values["largest_eta"] = float(np.nanmax(mapped.indices.eta))
-    return values, icrs, parameters, errors
+    return values
 
 
-def reproduce(guess: PaperContact) -> Reproduction:
-    """Reproduce all published numbers for a contact and a reading.
-
-    Raises:
-        SimulationError: see `paper_map` and `numbers`.
-    """
-    mapped = paper_map(guess.contact)
-    values, icrs, parameters, errors = numbers(mapped, guess.reading)
-    rows = tuple(
+def published_rows(values: Mapping[str, float]) -> tuple[Row, ...]:
+    """Published numbers with their reproduction, as of `numbers`."""
+    return tuple(
         Row(
             **msgspec.structs.asdict(number),
             published=number.value,
@@ -123,7 +123,6 @@ def reproduce(guess: PaperContact) -> Reproduction:
         )
         for number in (*PUBLISHED, *READ_OFF)
     )
-    return Reproduction(guess, mapped, icrs, parameters, errors, rows)
 
 
 def within(rows: tuple[Row, ...], percent: float) -> int:
@@ -131,16 +130,10 @@ def within(rows: tuple[Row, ...], percent: float) -> int:
     return sum(abs(row.difference_percent) <= percent for row in rows)
 
 
-def table_2_with_published_parameters(
-    mapped: DynamicMap, reading: Reading
-) -> dict[Inertia, VelocityErrors]:
+def table_2_with_published_parameters(mapped: DynamicMap) -> dict[Inertia, VelocityErrors]:
     """Table II of a map with the paper's numbers instead of fits, by `INERTIAS`."""
     parameters, icrs = published_parameters(), published_mean_icrs()
-    errors = {}
-    for inertia in INERTIAS:
-        own_reading = msgspec.structs.replace(reading, inertia=inertia)
-        errors[inertia] = read_errors(mapped, parameters, icrs, own_reading)
-    return errors
+    return {inertia: velocity_errors(mapped, parameters, icrs, inertia) for inertia in INERTIAS}
 
 
 def map_of_published_model() -> DynamicMap:

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from icreckon.estimator.motion import icr
 from icreckon.estimator.robot.robot_file import ConstantIcr
 from icreckon.report.drawing import drawing
+from icreckon.simulation.paper.fits import motions_in_fits
 from icreckon.simulation.paper.published import published_mean_icrs, published_parameters
-from icreckon.simulation.paper.readings import chosen_motions
 from icreckon.simulation.paper.reproduction import Reproduction, Row
 
 BLUE, RED, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#777777"
@@ -139,7 +139,7 @@ def _draw_fits(path: Path, reproduced: Reproduction) -> None:
     motion, turning = mapped.motion, mapped.turning
     x_1, x_2 = icr.symmetry_coordinates(motion.V_l[turning], motion.V_r[turning], ours.H)
     force = mapped.magnitude[turning]
-    used = chosen_motions(mapped, reproduced.guess.reading)[turning]
+    used = motions_in_fits(mapped)[turning]
     signs = (np.sign(x_2), np.sign(x_1) * np.sign(x_2), np.sign(x_1) * np.sign(x_2))
     force_labels = ("|F| sign(x₂) [N]", "|F| sign(x₁) sign(x₂) [N]", "|F| sign(x₁) sign(x₂) [N]")
     with _figure(path, 16.0, 5.0, title) as figure:

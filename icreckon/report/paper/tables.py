@@ -43,16 +43,13 @@ def counts_text(results: Results) -> str:
 
 def origin_text(results: Results) -> str:
     """Sentences on what is measured, simulated and fitted."""
-    pairs = results["map"]["pairs"]
-    largest_inertia = results["configuration"]["reading"]["largest_inertia"]
-    left_out = ""
-    if largest_inertia is not None:
-        left_out = f" Means and fits leave out motions above {largest_inertia:g} N of inertia."
+    largest_inertia = results["configuration"]["largest_inertia_N"]
     return (
-        f"Nothing here is measured: all {pairs} motions are simulated, by friction at contact "
-        "points. The paper states neither contact nor friction nor the height of the centre of mass; "
-        "they were fitted to these numbers. So agreement shows that one ground explains them "
-        f"together, and no more.{left_out}"
+        f"Nothing here is measured: all {results['map']['pairs']} motions are simulated, by friction at "
+        "contact points. The paper states neither contact nor friction nor the height of the centre of "
+        "mass; they were fitted to these numbers. So agreement shows that one ground explains them "
+        "together, and no more. Means and fits leave out motions above "
+        f"{largest_inertia:g} N of inertia."
     )
 
 

@@ -55,7 +55,7 @@ def run(*words: str, cwd: Path) -> tuple[Done, set[str]]:
             ("replay", "drive", "--robot", "auriga-alpha", "--variants", "gyro,constant-online"),
             {"results.json", "page.html", "gyro.tum", "odometry.mcap"},
         ),
-        (("paper",), {"results.json", "page.html", "contact.toml"}),
+        (("paper",), {"results.json", "page.html", "motions.csv"}),
         (("study", "small.toml", "--workers", "1"), {"results.json", "page.html"}),
     ],
     ids=lambda words: words[0] if isinstance(words, tuple) else "",

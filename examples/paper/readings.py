@@ -1,8 +1,8 @@
 """Readings of ambiguous parts of the paper: means, fits, and Table II's force.
 
 The paper averages each ICR distribution and fits the indices by least squares; the weights of turning
-motions are not stated. Each reading gives the same ten numbers and two motion models.
-`examples/paper` finds the one that comes closest to the printed numbers.
+motions are not stated. Each reading gives the same ten numbers and two motion models. That which comes
+closest to the printed numbers is in `icreckon.simulation.paper.fits`.
 """
 
 from typing import Literal
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.motion.icr import symmetry_coordinates
 from icreckon.estimator.robot.robot_file import ConstantIcr, Indices
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.paper.dynamic_map import (
@@ -24,6 +23,8 @@ from icreckon.simulation.paper.dynamic_map import (
     on_spot_line,
     rmse,
 )
+from icreckon.simulation.paper.fits import index_columns, weighted_fit
+from icreckon.simulation.paper.reproduction import numbers
 
 Means = Literal["plain", "median", "velocity"]
 Fit = Literal["plain", "velocity", "absolute"]
@@ -82,19 +83,12 @@ def read_parameters(mapped: DynamicMap, reading: Reading, H: float | None = None
     """
     chosen = chosen_motions(mapped, reading)
     H = on_spot_line(mapped) if H is None else H
-    x_1, x_2 = symmetry_coordinates(mapped.motion.V_l[chosen], mapped.motion.V_r[chosen], H)
-    force = mapped.magnitude[chosen]
-    zeta, epsilon, eta = (grid_values[chosen] for grid_values in mapped.indices)
-    ones, signed_force = np.ones_like(force), force * np.sign(x_1) * np.sign(x_2)
-    weight = mapped.motion.twist.w[chosen] ** 2 if reading.fit == "velocity" else ones
-    fit = _absolute if reading.fit == "absolute" else _weighted
+    w = mapped.motion.twist.w[chosen]
+    weight = w**2 if reading.fit == "velocity" else np.ones_like(w)
+    fit = _absolute if reading.fit == "absolute" else weighted_fit
     values = [H]
-    for target, columns in (
-        (zeta, [ones, force * np.sign(x_2)]),
-        (epsilon, [ones, signed_force]),
-        (eta, [ones, signed_force, force**2]),
-    ):
-        values += fit(np.stack(columns, axis=-1), target, weight).tolist()
+    for target, columns in index_columns(mapped, chosen, H):
+        values += fit(columns, target, weight).tolist()
     try:
         return Indices(*values)
     except ValueError as error:
@@ -116,6 +110,17 @@ def read_errors(
     return VelocityErrors(rmse(by_inertia, true, counted), rmse(by_constant, true, counted))
 
 
+def read_numbers(mapped: DynamicMap, reading: Reading) -> dict[str, float]:
+    """Numbers of the paper by a reading, as of `icreckon.simulation.paper.reproduction.numbers`.
+
+    Raises:
+        SimulationError: the map gives no valid ICRs or parameters.
+    """
+    icrs, parameters = read_means(mapped, reading), read_parameters(mapped, reading)
+    errors = read_errors(mapped, parameters, icrs, reading)
+    return numbers(mapped, icrs, parameters, errors)
+
+
 def chosen_motions(mapped: DynamicMap, reading: Reading) -> NDArray[np.bool_]:
     """Mask of the motions in means and fits; a SimulationError if there are none."""
     difference = np.abs(mapped.motion.V_l - mapped.motion.V_r)
@@ -127,21 +132,12 @@ def chosen_motions(mapped: DynamicMap, reading: Reading) -> NDArray[np.bool_]:
     return chosen
 
 
-def _weighted(columns: Floats, target: Floats, weight: Floats) -> Floats:
-    """Weighted least squares: coefficients (k,) of columns (n, k) for a target (n,)."""
-    root = np.sqrt(weight)
-    solution, _, rank, _ = np.linalg.lstsq(columns * root[:, None], target * root, rcond=None)
-    if rank < columns.shape[1]:
-        raise SimulationError(f"{len(target)} motions do not show all parameters of an index")
-    return np.asarray(solution, dtype=float)
-
-
 def _absolute(columns: Floats, target: Floats, weight: Floats) -> Floats:
     """Fit by least absolute deviations; only the first guess uses `weight`."""
-    solution = _weighted(columns, target, weight)
+    solution = weighted_fit(columns, target, weight)
     largest = float(np.abs(target - columns @ solution).max())
     least = SMALLEST_DEVIATION * largest + 1e-300  # not zero, where the first guess is exact
     for _ in range(REWEIGHTINGS):
         deviation = np.abs(target - columns @ solution)
-        solution = _weighted(columns, target, 1.0 / np.maximum(deviation, least))
+        solution = weighted_fit(columns, target, 1.0 / np.maximum(deviation, least))
     return solution

@@ -1,21 +1,21 @@
 """Parameters that the paper leaves open: contact, soil, height, and reading.
 
-`PaperContact` is the content of a TOML file; the best known one ships as `paper_contact.toml`.
+`PaperContact` is the content of a TOML file; the best known one is `contact.toml`.
 """
 
 from pathlib import Path
 from typing import Literal
 
 import msgspec
+from readings import Reading
 
 from icreckon.estimator.base.config import convert, read_toml
 from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact.contact import Body, Contact, ContactGeometry, equally_spaced
 from icreckon.simulation.paper.published import AURIGA_ALPHA
-from icreckon.simulation.paper.readings import Reading
 
-BEST_FILE = Path(__file__).parent / "paper_contact.toml"
+BEST_FILE = Path(__file__).parent / "contact.toml"
 
 
 class ContactParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
