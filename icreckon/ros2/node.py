@@ -10,10 +10,12 @@ from typing import Any
 import msgspec
 
 from icreckon.estimator.base.errors import EstimatorError, IcreckonError
+from icreckon.estimator.base.frames import matrix_to_rpy
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.outputs import IcrPoints, icr_points
 from icreckon.replay.bags import message_types as ros
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.live.base_frame import CENTRE, BaseFrame, Pose
 from icreckon.replay.live.diagnostic_status import DiagnosticStatus
 from icreckon.replay.live.inputs import Subscription
 from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry
@@ -30,6 +32,7 @@ from icreckon.ros2.messages import (
     fill_transform,
     pose_of,
 )
+from icreckon.ros2.static_frames import StaticFrames
 from icreckon.ros2.topics import find_topic, input_qos, message_class, overridable
 
 NODE_NAME = "icreckon"
@@ -104,8 +107,14 @@ class OdometryNode:
         options = self.options
         self._log.info("loading the filter; `icreckon prepare` ahead makes this quick")
         self._state_file = Path(options.state_file).expanduser() if options.state_file else None
+        loaded = load_robot(options.robot and str(Path(options.robot).expanduser()))
+        has_fixes = options.use_fixes and "fixes" in loaded.log
+        if has_fixes or options.mounting_from_tf:
+            self._frames = StaticFrames(self.node)
+        if options.mounting_from_tf:
+            loaded = self._frames.mounted(loaded, options.base_frame, BaseFrame(options.base))
         self.live = LiveOdometry(
-            load_robot(options.robot and str(Path(options.robot).expanduser())),
+            loaded,
             options.variant,
             reorder=options.reorder,
             use_fixes=options.use_fixes,
@@ -115,6 +124,7 @@ class OdometryNode:
             base_offset=options.base,
             odom_frame=options.odom_frame,
         )
+        self.live.inputs.place_of_frame = self._place_of_frame
         self._warn_of_state_file()
         self._statuses = LiveStatuses(self.live)
         self._slip_watch = SlipWatch(self.live.robot.vehicle.track_gauge)
@@ -169,7 +179,10 @@ class OdometryNode:
             name, default = option.name, option.default
             # Any type is taken here: `options_from` converts 2 to 2.0 and has the better messages.
             descriptor = ParameterDescriptor(
-                description=parameters.DESCRIPTIONS[name], read_only=True, dynamic_typing=True
+                description=parameters.DESCRIPTIONS[name],
+                additional_constraints=parameters.constraints(name),
+                read_only=True,
+                dynamic_typing=True,
             )
             parameter = self.node.declare_parameter(name, default, descriptor)
             # An empty list has no value.
@@ -405,21 +418,24 @@ class OdometryNode:
 
     def _report(self) -> None:
         self._warn_of_silence()
-        self._check_frame()
         now = self._now()
         self._publish_statuses(self._diagnostics, now, self._statuses.report())
         if self.live.odom.stamp is not None:
             self._publish_statuses(self._learnt, now, parameter_statuses(self.live.newest))
 
-    def _check_frame(self) -> None:
-        """Warn of fixes in another frame than the one that they are assumed in."""
-        inputs, options = self.live.inputs, self.options
-        frame = "" if inputs.geodetic else inputs.fix_frame
-        if frame not in ("", options.map_frame, options.odom_frame):
-            self._warn(
-                f"fixes are in frame {frame!r}, and are taken as poses in {options.map_frame!r}: set "
-                f"map_frame to {frame!r}, or transform them"
-            )
+    def _place_of_frame(self, frame: str) -> Pose:
+        """Pose of a frame of fixes in map: level, that of /tf_static if known."""
+        options = self.options
+        if frame in ("", options.map_frame, options.odom_frame):
+            return CENTRE
+        if (pose := self._frames.pose(options.map_frame, frame)) is not None:
+            (x, y, _), rotation = pose
+            return (float(x), float(y), float(matrix_to_rpy(rotation)[2]))
+        self._warn(
+            f"fixes are in frame {frame!r}, and are taken as poses in {options.map_frame!r}: set "
+            f"map_frame to {frame!r}, or publish their transform on /tf_static"
+        )
+        return CENTRE
 
     def _warn_of_silence(self) -> None:
         """Warn of topics on which nothing comes, and of joints that are in no message."""

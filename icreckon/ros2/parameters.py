@@ -3,7 +3,7 @@
 import math
 from array import array
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -38,6 +38,7 @@ class NodeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     input_depth: Annotated[int, Bound("from 1 to 100000", 1, 100_000)] = 100
     start_pose: tuple[float, ...] = ()
     base_offset: tuple[float, ...] = CENTRE
+    mounting_from_tf: bool = False
 
     def __post_init__(self) -> None:
         if not self.robot:
@@ -101,6 +102,7 @@ DESCRIPTIONS: Mapping[str, str] = {
     "input_depth": "Length of the queue of each input.",
     "start_pose": "Pose of the base frame in map_frame at the start, [x, y, yaw] in m, rad; [] for none.",
     "base_offset": "Base frame on the robot, [forward, left, yaw] from the tracks' centre [m, rad].",
+    "mounting_from_tf": "Take the IMU's mounting from its frame_id and /tf_static, not the robot file.",
 }
 
 OF_ROS = ("use_sim_time", "start_type_description_service")  # parameters that each node has
@@ -112,6 +114,14 @@ QOS_POLICIES: Mapping[str, tuple[str, ...]] = {
     "durability": ("volatile", "transient_local", "system_default"),
 }
 """Policies that can be set, and their values; a depth is a whole number."""
+
+
+def constraints(name: str) -> str:
+    """Values that a parameter may have, as `ros2 param describe` shows; empty for any."""
+    kind = get_type_hints(NodeOptions, include_extras=True)[name]
+    if get_origin(kind) is Literal:
+        return f"one of {', '.join(get_args(kind))}"
+    return next((part.wanted for part in get_args(kind) if isinstance(part, Bound)), "")
 
 
 def unknown_parameters(given: Iterable[str]) -> list[str]:

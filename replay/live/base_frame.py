@@ -1,10 +1,12 @@
 """Base frame: a point of the robot other than the centre of its tracks."""
 
+import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose, matrix_to_rpy, relative, rotate, rpy_to_matrix
 from icreckon.estimator.motion.pose3d import Pose3d, Twist3d
+from icreckon.estimator.robot.robot_file import Imu
 from icreckon.replay.bags.messages import PLANAR_BLOCK
 
 CENTRE = (0.0, 0.0, 0.0)
@@ -76,6 +78,13 @@ class BaseFrame:
         """Pose of the centre if the base frame has this one: x, y [m], yaw [rad]."""
         x, y, yaw = compose(pose, relative(self._offset, CENTRE)).tolist()
         return (x, y, yaw)
+
+    def mounted(self, imu: Imu, place: Floats, rotation: Floats) -> Imu:
+        """IMU at a place (3,) [m] and with a rotation (3, 3) in the base frame."""
+        x, y, _ = compose(self._offset, (*place[:2], 0.0)).tolist()
+        roll, pitch, yaw = np.degrees(matrix_to_rpy(self._turn.T @ rotation)).tolist()
+        position = x, y, float(place[2])
+        return msgspec.structs.replace(imu, rotation_rpy_deg=(roll, pitch, yaw), position=position)
 
     def point(self, x: float, y: float) -> tuple[float, float]:
         """Convert a point from the estimator's frame to the base frame [m]."""

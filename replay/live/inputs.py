@@ -1,6 +1,6 @@
 """Live inputs: messages of the mapped topics to measurements."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any, NamedTuple
@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.frames import compose
 from icreckon.estimator.log.body_velocities import LEAST
 from icreckon.estimator.log.measurements import (
     HeadingFix,
@@ -21,6 +22,7 @@ from icreckon.replay.bags.decoding import NANOSECONDS, stamp_of
 from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.live.apart_messages import ApartMessages
+from icreckon.replay.live.base_frame import CENTRE, Pose
 from icreckon.replay.live.clock_watch import ClockWatch
 from icreckon.replay.live.silence import missing_joints
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
@@ -85,6 +87,8 @@ class LiveInputs:
     origin: Origin | None = None  # origin of NavSatFix: that of the robot file, or the first fix
     geodetic: bool = False  # whether fixes come as NavSatFix
     fix_frame: str = ""  # frame of the newest fix by its header, empty if it names none
+    # pose x, y [m], yaw [rad] in map of the frame that poses are in
+    place_of_frame: Callable[[str], Pose] = lambda _: CENTRE
     heard: dict[str, int] = field(default_factory=dict)  # first arrival on each topic [ns]
     clock_step: int = 0  # by which the stamps' clock was set forward at the newest message [ns]
     _watch: ClockWatch[_Arrived] = field(default_factory=ClockWatch)
@@ -399,7 +403,9 @@ class LiveInputs:
         if conversions.fill_variances(variances, mapped).any():
             self._lose("fixes", "no covariance, and no position_sigma given")
             return
-        x, y, yaw = conversions.without_unknown_headings(poses, variances)[0].tolist()
+        known = conversions.without_unknown_headings(poses, variances)[0]
+        place = CENTRE if self.geodetic else self.place_of_frame(self.fix_frame)
+        x, y, yaw = compose(place, known).tolist()
         variance, yaw_variance = variances[0].tolist()
         yield PositionFix(stamp, x, y, variance, *mapped.position)
         if np.isfinite(yaw):

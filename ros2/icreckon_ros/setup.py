@@ -15,6 +15,7 @@ setup(
         (f"share/{NAME}/config", ["config/icreckon.yaml"]),
     ],
     zip_safe=True,
+    extras_require={"test": ["pytest"]},
     description="Launch file and entry point of icreckon's ROS 2 node",
     license="Apache-2.0",
     entry_points={"console_scripts": [f"odometry = {NAME}.node:main"]},

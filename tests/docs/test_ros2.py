@@ -91,6 +91,7 @@ def test_the_diagnostics_that_are_explained_are_those_that_are_sent() -> None:
 def test_the_messages_that_are_explained_are_those_of_the_log() -> None:
     said = literals(
         *(["icreckon/ros2/node.py", "icreckon/ros2/parameters.py", "icreckon/ros2/topics.py"]),
+        "icreckon/ros2/static_frames.py",
         *("replay/live/odometry.py", "replay/reading/stream.py", "replay/live/silence.py"),
     )
     messages = explained_messages(NODE)

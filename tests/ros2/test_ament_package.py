@@ -12,6 +12,7 @@ import venv
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
+from runpy import run_path
 from types import ModuleType
 from typing import Any
 
@@ -81,6 +82,11 @@ def test_the_config_has_every_parameter_with_its_default() -> None:
     )
 
 
+def test_the_packages_own_test_passes() -> None:
+    """That which `colcon test` runs on the robot."""
+    run_path(str(PACKAGE / "test" / "test_parameters.py"))["test_parameters_are_of_this_icreckon"]()
+
+
 def loaded(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(path.stem.partition(".")[0], path)
     module = importlib.util.module_from_spec(spec)
@@ -144,7 +150,7 @@ def test_the_launch_file_declares_its_arguments(launch_file: ModuleType) -> None
     *declared, last = launch_file.generate_launch_description().words[0]
     names = [one.words[0] for one in declared]
     assert names == [
-        "robot", "variant", "state_file", "params_file", "use_sim_time", "namespace"
+        "robot", "variant", "state_file", "params_file", "use_sim_time", "namespace", "respawn"
     ]  # fmt: skip
     assert last.more["function"] is launch_file.make_node
     path = declared[3].more["default_value"].words[0]
@@ -167,6 +173,7 @@ def test_the_launched_node_has_the_arguments_that_are_given(launch_file: ModuleT
     assert file.words == ("params_file",)
     assert set(values) == {"robot", "state_file", "use_sim_time"}
     assert node.more["namespace"].words == ("namespace",)
+    assert node.more["respawn"].words == ("respawn",)
 
 
 # --- colcon ---------------------------------------------------------------------------------------

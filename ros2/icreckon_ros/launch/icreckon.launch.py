@@ -17,6 +17,7 @@ ARGUMENTS = {
     ),
     "use_sim_time": ("false", "Use the time of /clock"),
     "namespace": ("", "Namespace of the node and of its relative topics"),
+    "respawn": ("false", "Start the node again, two seconds after it ends"),
 }
 
 
@@ -46,5 +47,7 @@ def make_node(context: LaunchContext) -> list[Node]:
             namespace=LaunchConfiguration("namespace"),
             parameters=[LaunchConfiguration("params_file"), parameters],
             output="screen",
+            respawn=LaunchConfiguration("respawn"),
+            respawn_delay=2.0,
         )
     ]

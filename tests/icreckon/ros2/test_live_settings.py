@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -136,6 +137,45 @@ def test_a_given_pose_places_the_map(ros: dict[str, str], short_bag: Path, tmp_p
     in_map = recorded(tmp_path / "out")["/pose_in_map"]
     first = in_map[0].pose.pose
     assert pose_of(first.position, first.orientation) == pytest.approx([1.0, 2.0, 0.5], abs=0.1)
+
+
+STATIC = """
+import rclpy, time
+from geometry_msgs.msg import TransformStamped
+from rclpy.qos import QoSProfile, DurabilityPolicy
+from tf2_msgs.msg import TFMessage
+rclpy.init()
+node = rclpy.create_node("static")
+qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+publisher, message = node.create_publisher(TFMessage, "/tf_static", qos), TFMessage()
+def link(parent, child, x, y, z, rotation):
+    one = TransformStamped(child_frame_id=child)
+    one.header.frame_id = parent
+    at, q = one.transform.translation, one.transform.rotation
+    at.x, at.y, at.z = x, y, z
+    q.x, q.y, q.z, q.w = rotation
+    message.transforms.append(one)
+link("world", "odom", 10.0, 20.0, 0.0, (0.0, 0.0, 1.0, 0.0))  # half a turn
+link("base_link", "plate", 0.1, 0.0, 0.3, (0.0, 0.0, 0.0, 1.0))
+link("plate", "imu_link", 0.0, 0.05, 0.0, (1.0, 0.0, 0.0, 0.0))  # upside down
+publisher.publish(message)
+time.sleep(120.0)
+"""
+
+
+def test_static_transforms_place_the_imu_and_the_fixes(ros, short_bag, tmp_path):
+    options = {"map_frame": "world", "odom_frame": "wheels", "mounting_from_tf": "true"}
+    options |= {"base_offset": "[0.2, 0.0, 0.0]", "reorder": 1}
+    of_static = started(ros, tmp_path / "static.log", (sys.executable, "-c", STATIC))
+    with of_static, node(ros, tmp_path / "node.log", **options) as running:
+        play(ros, short_bag, topics=INPUTS[1:2])
+        until(lambda: "ready:" in running.text(), running)
+        assert "IMU in 'imu_link': turned by (180, 0, 0) deg, by tf" in running.text()
+        play(ros, short_bag)
+        until(lambda: "fixes: /fix/pose" in running.text(), running)
+        time.sleep(2.0)
+        assert running.stop() == 0, running.text()
+    assert "taken as poses in" not in running.text()
 
 
 def test_fixes_in_another_frame_are_warned_of(ros, short_bag, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from bag_messages import pose_with_covariance
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.ros2.messages import pose_of
-from icreckon.ros2.parameters import check_qos, options_from, unknown_parameters
+from icreckon.ros2.parameters import check_qos, constraints, options_from, unknown_parameters
 
 
 def test_unknown_parameters_come_with_the_nearest() -> None:
@@ -69,3 +69,9 @@ def test_a_pose_is_three_numbers_of_any_kind_or_none(values: object) -> None:
     assert options.start == options.base == (1.0, 2.0, 0.0)
     options = options_from({"robot": "a", "start_pose": []})
     assert (options.start, options.base) == (None, (0.0, 0.0, 0.0))
+
+
+def test_constraints_are_those_that_are_checked() -> None:
+    assert constraints("reorder") == "from 0 to 10"
+    assert constraints("input_reliability") == "one of auto, reliable, best_effort"
+    assert constraints("robot") == ""

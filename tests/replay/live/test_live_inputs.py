@@ -263,6 +263,21 @@ def test_transforms_are_fixes(tmp_path: Path) -> None:
     assert sum(type(one).__name__ == "HeadingFix" for one in found) == 10
 
 
+def test_fixes_in_another_frame_are_placed_in_the_map() -> None:
+    inputs, subscriptions = live_inputs(
+        tracks=JOINTS, fixes={"topic": "/fix", "position_sigma": 0.1}
+    )
+    inputs.place_of_frame = {"hall": (1.0, 2.0, np.pi / 2)}.__getitem__
+    found = []
+    for stamp in STAMPS:
+        message = made.pose_stamped(stamp, x=3.0, y=0.5)
+        message.header.frame_id = "hall"
+        found += inputs.take(subscriptions["/fix"], "geometry_msgs/msg/PoseStamped", message, stamp)
+    found += inputs.flush(STAMPS[-1] + 10 * SECOND)
+    assert len(found) == len(STAMPS)
+    np.testing.assert_allclose([(one.x, one.y) for one in found], [(0.5, 5.0)] * len(found))
+
+
 def test_clocks_that_disagree_are_replaced_by_the_time_of_arrival(tmp_path: Path) -> None:
     robot = robot_with(tracks=JOINTS, imu={"topic": "/imu"})
     since_boot = [("/imu", made.imu(stamp - T0 + 5 * SECOND)) for stamp in STAMPS]
