@@ -255,11 +255,7 @@ def coulomb_gains(robot: Robot) -> CoulombGains:
     A force forward, as a share of the weight, also presses on the rear: with the centre of mass at the
     height h, loads change by -h y / mean(y²) of themselves. Forces across the tracks are balanced about
     a y_ICR that is h mean(y² / r) / (mean(y²) mean(a² / r³)) further back.
-
-    All gains are zero if nothing is known of the robot's slip: eta0 is 1 then.
     """
-    if robot.constant_indices.eta0 <= 1.0:
-        return CoulombGains(0.0, 0.0, 0.0)
     vehicle, soil = robot.vehicle, robot.soil
     friction = Soil().friction if soil is None else soil.friction
     half = vehicle.half_contact_length

@@ -7,7 +7,13 @@ import pytest
 from icreckon import Scenario, Terrain, load_robot
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.motion.icr import GRAVITY
-from icreckon.estimator.robot.variants import VARIANTS, coulomb_gains, motion_model
+from icreckon.estimator.robot.robot_file import Indices
+from icreckon.estimator.robot.variants import (
+    VARIANTS,
+    coulomb_gains,
+    initial_parameters,
+    motion_model,
+)
 from icreckon.simulation.contact.of_robot import contact_of, slow_turns
 from icreckon.simulation.simulate import run_scenario
 
@@ -42,3 +48,13 @@ def test_the_load_moves_the_icrs_of_the_inertia_based_model_alone() -> None:
     for variant in VARIANTS.values():
         zeta_F = motion_model(robot, variant).vehicle.zeta_F
         assert zeta_F == (coulomb_gains(robot).zeta_F if variant.model == "inertia" else 0.0)
+
+
+def test_a_robot_without_indices_has_the_gains_of_friction() -> None:
+    """It slips in turns, too: its effective track is learnt, and its gains begin with these."""
+    robot = msgspec.structs.replace(load_robot("warthog"), indices=Indices(), constant_icr=None)
+    slips = msgspec.structs.replace(robot, indices=Indices(eta0=1.001))
+    assert coulomb_gains(robot) == coulomb_gains(slips)
+    parameters = initial_parameters(robot, VARIANTS["inertia-online"])
+    assert parameters[[2, 8]].tolist() == [*coulomb_gains(robot)[:2]]
+    assert (parameters[[2, 8]] > 0.0).all()
