@@ -163,7 +163,7 @@ def count_close(guess: PaperContact) -> Count:
             worst="",
             worst_percent=float("nan"),
         )
-    rows = tuple(row for row in published_rows(values) if not row.read_off)
+    rows = [row for row in published_rows(values) if not row.read_off]
     worst = max(rows, key=lambda row: abs(row.difference_percent))
     return Count(
         within_5_percent=within(rows, 5.0),

@@ -50,7 +50,7 @@ def command(
 
 def _summary(reproduced: Reproduction) -> Results:
     """Content of `results.json`."""
-    mapped, printed = reproduced.mapped, reproduced.printed_rows
+    mapped, printed = reproduced.mapped, [row for row in reproduced.rows if not row.read_off]
     by_published = table_2_with_published_parameters(mapped)
     return {
         "format": FORMAT,

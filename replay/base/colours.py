@@ -16,10 +16,8 @@ COLOURS = {
 TRUTH_COLOUR = "#009E73"
 FIX_COLOUR = "#000000"
 OTHER_COLOUR = "#6A3D9A"
-# On a dark background, those that lightening would make like another one.
-DARK = {"#444444": "#f0f0f0", "#0072B2": "#8c9eff"}
-# Least luminance of a line on a dark background, and share of white that is added until it is reached.
-LEAST_LUMINANCE, STEP = 0.2, 0.1
+# Those that would not be seen on a dark background, and what stands for them there.
+DARK = {"#000000": "#858585", "#444444": "#f0f0f0", "#0072B2": "#8c9eff", "#6A3D9A": "#9272b5"}
 
 
 def colour_of(name: str) -> str:
@@ -28,16 +26,5 @@ def colour_of(name: str) -> str:
 
 
 def on_dark(colour: str) -> str:
-    """Lighten a colour "#rrggbb" until it is seen on a dark background."""
-    if colour in DARK:
-        return DARK[colour]
-    rgb = [int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
-    while _luminance(rgb) < LEAST_LUMINANCE:
-        rgb = [share + STEP * (1.0 - share) for share in rgb]
-    return "#" + "".join(f"{round(255.0 * share):02x}" for share in rgb)
-
-
-def _luminance(rgb: list[float]) -> float:
-    """Relative luminance of an sRGB colour, by WCAG."""
-    red, green, blue = (x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in rgb)
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+    """Colour on a dark background of one of this file's colours."""
+    return DARK.get(colour, colour)

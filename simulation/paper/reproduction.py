@@ -4,7 +4,7 @@ Also Table II of the published parameters themselves, and a check that shows tha
 numbers contradict each other.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -57,11 +57,6 @@ class Reproduction:
     errors: VelocityErrors  # Table II with these ICRs and parameters
     rows: tuple[Row, ...]  # all published numbers, the one read off a figure last
 
-    @property
-    def printed_rows(self) -> tuple[Row, ...]:
-        """Rows of printed numbers, without the one read off a figure."""
-        return tuple(row for row in self.rows if not row.read_off)
-
 
 class InterceptCheck(NamedTuple):
     """Check of whether published means and fits can come from the same motions.
@@ -76,8 +71,6 @@ class InterceptCheck(NamedTuple):
     needed_range: tuple[float, float]
     of_published_model: float  # mean of s|F| by the published parameters [N]
     of_map: float  # mean of s|F| of the reproduced motions [N]
-    mean_eta: float  # mean efficiency by the published mean ICRs, (19) [-]
-    mean_eta_by_fit: float  # mean efficiency by (27) with the published model's own inertia [-]
 
 
 def paper_map(contact: Contact = CONTACT, *, count: int = 21) -> DynamicMap:
@@ -125,7 +118,7 @@ def published_rows(values: Mapping[str, float]) -> tuple[Row, ...]:
     )
 
 
-def within(rows: tuple[Row, ...], percent: float) -> int:
+def within(rows: Sequence[Row], percent: float) -> int:
     """Number of rows that differ by at most `percent` [%]."""
     return sum(abs(row.difference_percent) <= percent for row in rows)
 
@@ -158,16 +151,12 @@ def check_intercepts(mapped: DynamicMap) -> InterceptCheck:
         for offset in (-5e-4, 5e-4)
         for gain in (-5e-5, 5e-5)
     ]
-    model = map_of_published_model()
-    force = _signed_inertia(model)
     return InterceptCheck(
         mean_epsilon=mean_epsilon,
         needed=(mean_epsilon - fitted.epsilon0) / fitted.epsilon1,
         needed_range=(min(corners), max(corners)),
-        of_published_model=float(force.mean()),
+        of_published_model=float(_signed_inertia(map_of_published_model()).mean()),
         of_map=float(_signed_inertia(mapped).mean()),
-        mean_eta=(icrs.x_ICRr - icrs.x_ICRl) / AURIGA_ALPHA.gauge,
-        mean_eta_by_fit=float(np.mean(fitted.eta0 + fitted.eta1 * force + fitted.eta2 * force**2)),
     )
 
 

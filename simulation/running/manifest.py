@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from icreckon.estimator.base.plain_data import json_types, package_versions
+from icreckon.simulation.contact.of_robot import robot_remarks
 from icreckon.simulation.running.engines import Engine
 from icreckon.simulation.study.cells import Plan
 from icreckon.simulation.study.statistics import statistics
@@ -28,12 +29,15 @@ def computing_versions() -> Plain:
 
 def manifest(plan: Plan, engine: Engine) -> Plain:
     """Configuration, seeds and versions of a study, the same on every machine."""
-    study = plan.study
+    study, first = plan.study, plan.cells[0]
     return {
         "format": FORMAT,
         "name": study.name,
         "digest": digest(plan, engine),
         "configuration": json_types(study),
+        "robot": json_types(first.robot),
+        # Cells differ in what is swept: remarks on the first one stand for all.
+        "remarks": robot_remarks(first.robot, first.scenario.truth),
         "engine": engine.name,
         "block_runs": engine.block_runs,
         "runs": study.runs,

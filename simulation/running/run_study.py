@@ -9,7 +9,6 @@ import numpy as np
 
 from icreckon.estimator.filter.fault_table import OWN_FAULTS
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.contact.of_robot import robot_remarks
 from icreckon.simulation.running.engines import BATCH, choose_engine
 from icreckon.simulation.running.manifest import as_json, manifest
 from icreckon.simulation.running.runner import Report, run_jobs
@@ -54,15 +53,13 @@ def run_study(
     for cell in plan.cells:
         check_terrain(cell.scenario.terrain, 2.0 * cell.robot.vehicle.half_contact_length)
     chosen = choose_engine(plan)
+    identity = manifest(plan, chosen)
     if remark is not None:
         reason = None if chosen is BATCH else BATCH.why_not(plan)
         if reason is not None:
             remark(f"runs are computed one after the other, which is slow: {reason}")
-        # Cells differ in what is swept: remarks on the first one stand for all.
-        first, *_ = plan.cells
-        for warning in robot_remarks(first.robot, first.scenario.truth):
+        for warning in identity["remarks"]:
             remark(warning)
-    identity = manifest(plan, chosen)
     store = open_store(Path(folder), identity, overwrite=overwrite)
     jobs = jobs_of(plan, chosen.block_runs)
     count = workers or os.cpu_count() or 1

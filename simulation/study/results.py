@@ -103,7 +103,7 @@ def study_results(runs: Runs, manifest: Results, cells: Sequence[list[list[Summa
         "command": COMMAND,
         "name": plan.study.name,
         "description": plan.study.description,
-        "configuration": manifest["configuration"],
+        **{key: manifest[key] for key in ("configuration", "robot", "remarks")},
         "seed": plan.study.seed,
         "versions": manifest["versions"],
         "engine": manifest["engine"],

@@ -25,10 +25,11 @@ OTHER_COLOURS = ("#009E73", "black", "#F0E442", *COLOURS.values())
 MARKERS = "osD^vPX*"
 STYLE = {"font.size": 12, "axes.titlesize": 11, "legend.fontsize": 10, "legend.framealpha": 0.9}
 METADATA = {"Software": None}  # no version of matplotlib: equal figures are equal bytes
-# Most names on an axis, or letters in them, without rotation; most cells named by their values.
+# Most names on an axis, or letters in them, without rotation; most cells named by their values, level and
+# upright.
 MOST_UPRIGHT = 4
 MOST_LETTERS = 60
-MOST_NAMED_CELLS = 12
+MOST_NAMED_CELLS, MOST_UPRIGHT_CELLS = 12, 40
 LEAST_DRIFT = 1e-6  # smallest drift that a colour shows [%]
 LOG_SPAN = 30.0  # ratio of the largest to the smallest value from which an axis is logarithmic
 SPREAD = 0.5  # range of the variants at one place, as a share of the distance between places
@@ -185,7 +186,8 @@ def _mark_missing(axes: Axes, places: Any, values: Any, colour: str) -> None:
     missing = places[~np.isfinite(values)]
     style: Any = {"color": colour, "ms": 9, "mew": 2.5, "clip_on": False}
     style["transform"] = axes.get_xaxis_transform()
-    style["label"] = "no result" if len(missing) else None
+    is_first = "no result" not in axes.get_legend_handles_labels()[1]
+    style["label"] = "no result" if len(missing) and is_first else None
     axes.plot(missing, np.full(len(missing), 0.03), "x", **style)
 
 
@@ -297,6 +299,10 @@ def _label_cells(axes: Axes, results: Results) -> None:
     elif len(cells) == 1:
         places = [_offset(number, len(variants)) for number in range(len(variants))]
         axes.set_xticks(places, [name.replace("-", "-\n") for name in variants])
+    elif keys and len(cells) <= MOST_UPRIGHT_CELLS:
+        names = [", ".join(shown(cell["values"][key]) for key in keys) for cell in cells]
+        axes.set_xticks(range(len(cells)), names, rotation=90, fontsize=8)
+        axes.set_xlabel(", ".join(map(with_unit, keys)))
     else:
         axes.set_xlabel("cell")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -72,20 +72,21 @@ def study_page(results: Results, figures: Sequence[Picture]) -> str:
         title=results["name"],
         subtitle=results["description"].strip(),
         failures=study_text.failures(results),
-        same_results=study_text.same_results(results),
+        caveats=[*results["remarks"], *study_text.same_results(results)],
         headline=study_text.headline(results),
         tables=study_text.summary_tables(results),
         error=study_text.ERROR,
         notes=study_text.notes(results),
         figures=figures,
         configuration=_without_empty(results["configuration"]),
+        robot=_without_empty(results["robot"]),
         provenance=_without_empty({key: results[key] for key in PROVENANCE}),
     )
 
 
 def _without_empty(data: Any) -> Any:
-    """Remove keys of nested tables whose value is None, an empty table or list."""
+    """Remove keys whose value is None, an empty table or list, but for cases."""
     if not isinstance(data, dict):
         return data
-    nested = {key: _without_empty(value) for key, value in data.items()}
+    nested = {key: one if key == "cases" else _without_empty(one) for key, one in data.items()}
     return {key: value for key, value in nested.items() if value not in (None, {}, [])}

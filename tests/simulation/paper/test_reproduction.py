@@ -32,7 +32,7 @@ def plain() -> DynamicMap:
 
 
 def test_rows_are_the_published_numbers(best: Reproduction) -> None:
-    assert [row.name for row in best.printed_rows] == [number.name for number in PUBLISHED]
+    assert [row.name for row in best.rows[:-1]] == [number.name for number in PUBLISHED]
     assert best.rows[-1].name == "largest_eta"
     for row in best.rows:
         assert row.published == float(row.printed)
@@ -82,8 +82,6 @@ def test_published_means_and_fits_contradict_each_other(plain: DynamicMap) -> No
     assert low < check.needed < high < -15.0
     assert check.of_published_model == pytest.approx(21.0, abs=1.0)
     assert check.of_map > 10.0
-    assert check.mean_eta == pytest.approx(2.5905, abs=1e-4)
-    assert check.mean_eta_by_fit > check.mean_eta + 0.1
 
 
 def test_the_published_model_needs_no_contact() -> None:

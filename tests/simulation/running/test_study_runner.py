@@ -218,7 +218,7 @@ def test_a_changed_robot_file_makes_another_study(tmp_path):
     study = msgspec.structs.replace(STUDY, robot=str(robot), variants=("differential",))
     run_study(study, tmp_path / "a", workers=1)
     robot.write_text(text.replace("80.0", "81.0"), encoding="utf-8")
-    with pytest.raises(SimulationError, match="content of the robot or recording"):
+    with pytest.raises(SimulationError, match=r"robot\.vehicle\.mass: there 80\.0, here 81\.0"):
         run_study(study, tmp_path / "a", workers=1)
 
 
