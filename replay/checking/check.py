@@ -15,6 +15,7 @@ from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.estimates import imu_mounting
 from icreckon.replay.estimates.imu_mounting import YawRates
+from icreckon.replay.estimates.latency import truth_lag, with_truth_in_time
 from icreckon.replay.estimates.wheels import LARGEST_TURNING, Estimate, wheel_estimates
 from icreckon.replay.mapping.topics import topic_map
 
@@ -138,9 +139,11 @@ def measured_scale(log: Log, robot: Robot, *, with_bends: bool = False) -> Estim
     Windows in which tracks slip in a bend count only with `with_bends`.
     """
     yaw_rates = comparable_yaw_rates(log, robot)
-    if yaw_rates is None:
+    if yaw_rates is None or log.imu is None:
         return None
     most_turning = LARGEST_TURNING if with_bends else NEARLY_STRAIGHT
+    if log.truth is not None:
+        log = with_truth_in_time(log, truth_lag(log.truth, log.tracks, log.imu, yaw_rates))
     return wheel_estimates(log, yaw_rates, None, most_turning).distance
 
 

@@ -222,7 +222,8 @@ def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
     if bias.source == "standstill":
         in_log = f"{bias.value:+.5f} rad/s at standstill"
     first = log.imu.stamps <= log.tracks.stamps[0] + round(SOON / NANOSECOND)
-    if not imu_mounting.standstill(log.tracks, log.imu.stamps[first]).any():
+    imu = log.imu.stamps[first], log.imu.angular_velocity[first]
+    if not imu_mounting.standstill(log.tracks, *imu).any():
         # Without a standstill no filter learns a bias soon.
         sigma = min(sigma, STANDING_BIAS_SIGMA)
     measured = Measured(bias.value, "rad/s", stated, bias.sigma)
@@ -243,7 +244,7 @@ def check_noise(log: Log, robot: Robot) -> Iterator[Check]:
     if yaw_rates is None or len(yaw_rates.stamps) < 2:
         return
     stamps, rates = yaw_rates
-    is_still = imu_mounting.standstill(log.tracks, stamps)
+    is_still = imu_mounting.standstill(log.tracks, stamps, rates)
     step = float(np.median(np.diff(stamps))) * NANOSECOND
     still_pairs = int((is_still[1:] & is_still[:-1]).sum())
     if is_still.sum() * step < imu_mounting.ENOUGH_STILL or still_pairs < FEWEST_STILL:

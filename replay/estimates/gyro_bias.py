@@ -15,7 +15,8 @@ from icreckon.replay.estimates.imu_mounting import YawRates
 from icreckon.replay.estimates.wheels import jackknifed
 from icreckon.replay.reading.stamps import true_runs
 
-WINDOW = 5.0  # time over which the turning by gyro and by truth or tracks is compared [s]
+# Time over which the turning by gyro and by truth or tracks is compared, and least in a short log [s].
+WINDOW, LEAST_WINDOW = 5.0, 1.0
 LARGEST_HOLE = 1.0  # windows with a longer gap between samples are left out [s]
 SURE = 3.0  # standard errors beyond which a bias while driving is significant
 UNSEEN_BIAS_SIGMA = 0.1  # standard error of a bias that a log does not show [rad/s]
@@ -52,7 +53,7 @@ def gyro_bias(log: Log, yaw_rates: YawRates, noise_density: float = 0.0) -> Gyro
     stamps, rates = yaw_rates
     if len(stamps) < 2:
         return None
-    is_still = imu_mounting.standstill(log.tracks, stamps)
+    is_still = imu_mounting.standstill(log.tracks, stamps, rates)
     seconds = float(is_still.sum()) * float(np.median(np.diff(stamps))) * NANOSECOND
     if seconds >= imu_mounting.ENOUGH_STILL:
         sigma = noise_density / float(np.sqrt(seconds))
@@ -97,7 +98,7 @@ def bias_while_driving(log: Log, yaw_rates: YawRates) -> GyroBias | None:
         left, right = tracks.speeds.T
         # The sum counts, too: unequal radii turn the robot by a share of the distance.
         references = [running_integral(stamps, speeds) for speeds in (right - left, right + left)]
-    edges, is_whole = _windows(stamps, yaw_rates.stamps)
+    window, edges, is_whole = _windows(stamps, yaw_rates.stamps)
     if is_whole.sum() < 2 * BLOCKS:
         return None
     turned = np.interp(edges, yaw_rates.stamps, running_integral(*yaw_rates))
@@ -107,7 +108,7 @@ def bias_while_driving(log: Log, yaw_rates: YawRates) -> GyroBias | None:
         correlation = np.corrcoef(changes[0], turning)[0, 1]
         if abs(correlation) < imu_mounting.CLEAR_TURNING:
             return None
-    design = np.column_stack([np.full(len(turning), WINDOW), *changes])
+    design = np.column_stack([np.full(len(turning), window), *changes])
 
     def fitted_bias(rows: Indexes) -> float:
         (bias, *_factors), *_ = np.linalg.lstsq(design[rows], turning[rows], rcond=None)
@@ -117,11 +118,13 @@ def bias_while_driving(log: Log, yaw_rates: YawRates) -> GyroBias | None:
     return GyroBias(bias, sigma, source) if sigma < UNSEEN_BIAS_SIGMA else None
 
 
-def _windows(stamps: Stamps, imu_stamps: Stamps) -> tuple[Stamps, Flags]:
-    """Edges (w + 1,) of windows [ns], and mask (w,) of those without a hole in either."""
-    step, begin = round(WINDOW / NANOSECOND), max(stamps[0], imu_stamps[0])
-    edges = even_grid(begin, min(stamps[-1], imu_stamps[-1]), step, stamps)
+def _windows(stamps: Stamps, imu_stamps: Stamps) -> tuple[float, Stamps, Flags]:
+    """Length [s] and edges (w + 1,) [ns] of windows, and mask (w,) of those without a hole."""
+    begin, end = max(stamps[0], imu_stamps[0]), min(stamps[-1], imu_stamps[-1])
+    window = (end - begin) * NANOSECOND / (2 * BLOCKS + 1)
+    step = round(min(WINDOW, max(LEAST_WINDOW, window)) / NANOSECOND)
+    edges = even_grid(begin, end, step, stamps)
     is_whole = np.diff(edges) == step
     for times in (stamps, imu_stamps):
         is_whole &= are_within(pieces(times, LARGEST_HOLE), times, edges[:-1], edges[1:])
-    return edges, is_whole
+    return step * NANOSECOND, edges, is_whole

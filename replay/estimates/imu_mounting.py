@@ -19,6 +19,8 @@ from icreckon.replay.reading.stamps import true_runs
 STILL_SPEED = 0.005  # track speeds below this share of the fastest, spikes aside, count as zero [-]
 SLOW_AT_GAP, LEAST_GAP = 0.1, 2.0  # highest share of the speed around a gap [s] that is a stop
 STILL_MARGIN = 0.5  # time after a stop and before a start that does not count as standstill [s]
+STILL_PART, MOST_TURNING_AT_REST = 0.5, 0.05
+"""Time of a mean rate [s], and largest range of these in a standstill [rad/s]."""
 ENOUGH_STILL = 2.0  # shortest standstill, less the margins, from which a bias is estimated [s]
 ABSURD = 1e6  # implausible reading of an IMU, in rad/s or m/s², or of track speeds, in rad/s
 SMOOTHING = 0.5  # time over which accelerations are averaged before they are compared [s]
@@ -75,7 +77,7 @@ def estimate_mounting(log: Log) -> Mounting | None:
     levelling = rpy_to_matrix(np.radians(roll), np.radians(pitch), 0.0)
     gyro_axes = "xyz" if rates[:, :2].any() else "z"
     yaw_rates = YawRates(imu.stamps, rate_about(levelling[2], rates, gyro_axes))
-    is_still = standstill(log.tracks, imu.stamps)
+    is_still = standstill(log.tracks, imu.stamps, rates)
     step = float(np.median(np.diff(imu.stamps))) * NANOSECOND
     yaw = accelerometer_noise = None
     if forces is not None and shown_by == "gravity":
@@ -180,13 +182,22 @@ def stops(tracks: TrackSpeedSeries) -> list[tuple[int, int]]:
     return [(int(tracks.stamps[k]), int(tracks.stamps[m + 1])) for k, m in true_runs(rests)]
 
 
-def standstill(tracks: TrackSpeedSeries, stamps: Stamps) -> Flags:
-    """Mask (n,) of the stamps [ns] that lie well inside a stop of both tracks."""
-    result = np.zeros(len(stamps), dtype=bool)
-    margin = round(STILL_MARGIN / NANOSECOND)
-    for start, stop in stops(tracks):
-        result |= (stamps >= start + margin) & (stamps <= stop - margin)
+def standstill(tracks: TrackSpeedSeries, stamps: Stamps, rates: Floats) -> Flags:
+    """Mask (n,) of stamps [ns] well inside a stop of both tracks, at rest by gyros."""
+    result, margin = np.zeros(len(stamps), dtype=bool), round(STILL_MARGIN / NANOSECOND)
+    for stop in stops(tracks):
+        if not turns_in(stop, stamps, rates):
+            result |= (stamps >= stop[0] + margin) & (stamps <= stop[1] - margin)
     return result
+
+
+def turns_in(stop: tuple[int, int], stamps: Stamps, rates: Floats) -> bool:
+    """Return True if gyros (n,) or (n, 3) turn in a stop: carried, or no track speeds."""
+    margin = round(STILL_MARGIN / NANOSECOND)
+    inside = slice(*np.searchsorted(stamps, (stop[0] + margin, stop[1] - margin)))
+    count = max(1, int((stop[1] - stop[0]) * NANOSECOND / STILL_PART))
+    means = [part.mean(axis=0) for part in np.array_split(rates[inside], count) if len(part)]
+    return bool(means) and float(np.ptp(means, axis=0).max()) > MOST_TURNING_AT_REST
 
 
 def turning_correlation(tracks: TrackSpeedSeries, yaw_rates: YawRates) -> float | None:

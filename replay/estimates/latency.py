@@ -27,6 +27,7 @@ from icreckon.estimator.log.lag import (
 )
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
+from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.log.series import (
     ImuSeries,
     PoseSeries,
@@ -84,15 +85,22 @@ def heading_lag(headings: Sequence[HeadingFix], yaw_rates: YawRates) -> Lag | No
 def truth_lag(
     truth: Truth, tracks: TrackSpeedSeries, imu: ImuSeries, yaw_rates: YawRates
 ) -> Lag | NoLag:
-    """Estimate the lag of a truth by its headings, or else by its positions.
+    """Estimate the lag of a truth by its headings if they fit its path, or else by that.
 
     Headings are compared with the gyro, positions with the path of tracks (in any unit) and gyro.
     """
-    if truth.headings:
+    if truth.headings and heading_fault(truth) is None:
         return find_lag(heading_of(truth.poses), turned(*yaw_rates), least=LEAST_TURN)
     if not len(tracks.stamps):
         return NoLag("there are neither headings nor track speeds")
     return find_lag(places_of(truth.poses), places_of(plain_path(tracks, imu, yaw_rates.rates)))
+
+
+def with_truth_in_time(log: Log, lag: Lag | NoLag | None) -> Log:
+    """Log whose truth has no lag, if that is clear."""
+    if log.truth is None or not isinstance(lag, Lag) or objection(lag):
+        return log
+    return replace(log, truth=replace(log.truth, poses=without_lag(log.truth.poses, lag)))
 
 
 class ClockFit(NamedTuple):

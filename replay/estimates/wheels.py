@@ -189,9 +189,15 @@ def _distance_ratio(
     return Estimate(value, float(np.hypot(max(sigma, value * by_noise), value * longer)), source)
 
 
-def standstills(log: Log) -> list[tuple[float, float]]:
-    """Standstills of a second or more: (start, end) since the log's start [s]."""
-    times = (np.array(imu_mounting.stops(log.tracks)).reshape(-1, 2) - log.start) * NANOSECOND
+def standstills(log: Log, *, turning: bool = False) -> list[tuple[float, float]]:
+    """Stops of a second or more: (start, end) since the log's start [s].
+
+    `turning` are those in which the gyros turn, which are no standstills.
+    """
+    stops, imu = imu_mounting.stops(log.tracks), log.imu
+    rates = (np.zeros(0, int), np.zeros(0)) if imu is None else (imu.stamps, imu.angular_velocity)
+    kept = [stop for stop in stops if imu_mounting.turns_in(stop, *rates) == turning]
+    times = (np.array(kept).reshape(-1, 2) - log.start) * NANOSECOND
     return [(start, end) for start, end in times.tolist() if end - start >= 1.0]
 
 

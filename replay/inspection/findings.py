@@ -137,6 +137,9 @@ def _standstill_findings(estimates: LogEstimates, log: Log) -> Iterator[str]:
         more = ", ..." if len(stops) > MOST_STOPS else ""
         text = f"{len(stops)}, {total:.0f} s in all ({spans}{more})"
         yield f"standstills: {text if stops else 'none of a second or more'}"
+        for begin, end in wheels.standstills(log, turning=True)[:MOST_STOPS]:
+            span = f"{begin:.0f} to {end:.0f} s"
+            yield f"tracks: at rest while the gyro turns, {span}: carried, or no track speeds?"
     if mounting is not None and mounting.gyro_bias is not None:
         bias = ", ".join(f"{value:.5f}" for value in mounting.gyro_bias)
         text = f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes"

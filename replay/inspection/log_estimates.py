@@ -15,7 +15,6 @@ from icreckon.estimator.log.failed_sensors import StuckSide, stuck_sides, turnin
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
-from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.bags.decoding import Definitions
@@ -300,20 +299,14 @@ def _latencies(log: Log, yaw_rates: YawRates | None) -> dict[str, Lag | NoLag]:
     headings = [other for other in log.others if isinstance(other, HeadingFix)]
     if headings:
         latencies["heading"] = latency.heading_lag(headings, yaw_rates)
-    truth = log.truth
-    if truth is not None:
-        if truth.headings and heading_fault(truth) is not None:
-            truth = truth.positions_alone()  # the headings do not fit the path
-        latencies["truth"] = latency.truth_lag(truth, log.tracks, log.imu, yaw_rates)
+    if log.truth is not None:
+        latencies["truth"] = latency.truth_lag(log.truth, log.tracks, log.imu, yaw_rates)
     return latencies
 
 
 def _without_latencies(log: Log, latencies: Mapping[str, Lag | NoLag]) -> Log:
     """Log with stamps of track speeds and truth corrected where the latency is clear."""
-    tracks, truth = latencies.get("tracks"), latencies.get("truth")
+    tracks = latencies.get("tracks")
     if isinstance(tracks, Lag) and not latency.objection(tracks):
         log = replace(log, tracks=latency.without_lag(log.tracks, tracks))
-    if isinstance(truth, Lag) and not latency.objection(truth) and log.truth is not None:
-        poses = latency.without_lag(log.truth.poses, truth)
-        log = replace(log, truth=replace(log.truth, poses=poses))
-    return log
+    return latency.with_truth_in_time(log, latencies.get("truth"))

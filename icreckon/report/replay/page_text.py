@@ -141,9 +141,13 @@ def verdict_text(verdict: Results, logs: int = 1) -> str:
         )
     than = f"{less} than {baseline}{change_range(interval)}"
     if interval[1] >= 1.0:
+        ratios = verdict["ratios_to_best"]
+        worse = [name for name in ratios if name not in verdict["not_shown_worse"]]
+        worst = max(worse, key=lambda name: float(ratios[name]), default=None)
         return (
             f"No variant drifts significantly less than {baseline} on {this}. {best} has the lowest "
             f"figure, {drifts}, {than}: that may be chance."
+            + (f" {worst} drifts {change(ratios[worst])}." if worst else "")
         )
     if logs > 1:
         than += f", and less in {verdict['logs_with_less']} of {verdict['logs_scored']} logs"
@@ -294,7 +298,7 @@ def truth_correction(results: Results) -> str:
 def _leading(results: Results) -> str:
     """Variant that stands for all: the best, or the last filter if none is scored."""
     verdict = results["verdict"]
-    return str(verdict["best"]) if verdict else [*filtered(results["variants"]), ""][-1]
+    return str(verdict["best"]) if verdict else ["", *filtered(results["variants"])][-1]
 
 
 def doubts(results: Results) -> list[str]:

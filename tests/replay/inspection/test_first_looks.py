@@ -290,6 +290,21 @@ def test_a_gap_between_slow_speeds_is_one_stop_with_its_ends() -> None:
     assert wheels.standstills(log) == [(2.0, 34.0)]
 
 
+def test_track_speeds_of_zero_while_the_robot_turns_are_no_standstill(tmp_path: Path) -> None:
+    """A driver that fails, or a robot that is carried: its turning is no bias of the gyro."""
+    scenario = Scenario(duration=60.0, seed=3, trajectory="slalom")
+    log = simulate(scenario, load_robot("auriga-alpha"))
+    speeds = log.tracks.speeds.copy()
+    times = (log.tracks.stamps - log.start) * 1e-9
+    speeds[(times > 30.0) & (times < 50.0)] = 0.0
+    broken = replace(log, tracks=replace(log.tracks, speeds=speeds))
+    assert wheels.standstills(broken) == wheels.standstills(log)
+    assert wheels.standstills(broken, turning=True) == [pytest.approx((30.0, 50.0), abs=0.1)]
+    write_log(broken, tmp_path / "log", "mcap", load_robot("auriga-alpha"))
+    text = "\n".join(inspect(tmp_path / "log").findings)
+    assert "at rest while the gyro turns, 30 to 50 s: carried, or no track speeds?" in text
+
+
 @pytest.mark.parametrize(
     ("names", "left", "left_out"),
     [

@@ -348,7 +348,7 @@ def test_a_spike_makes_no_standstill() -> None:
     speeds = 0.2 * np.column_stack([LEFT, RIGHT])
     speeds[400] = 500.0
     stamps = START + STEP * np.arange(len(SECONDS))
-    still = standstill(TrackSpeedSeries(stamps, speeds), stamps)
+    still = standstill(TrackSpeedSeries(stamps, speeds), stamps, np.zeros(len(stamps)))
     assert not still[SECONDS > 5.0].any()
     assert still[SECONDS < 4.0].mean() > 0.8
 

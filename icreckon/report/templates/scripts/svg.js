@@ -79,7 +79,7 @@ const Svg = (() => {
     }
     const digits = Math.min(20, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)));
     const far = Math.max(Math.abs(low), Math.abs(high));
-    const label = (value) => (far < 1e-3 || far >= 1e6)
+    const label = (value) => (far < 1e-3 || step >= 1e5)
       ? (value === 0 ? "0" : value.toExponential(1).replace("e-", "e−").replace("e+", "e"))
       : value.toFixed(digits);
     return found.map((value) => [value, label(Math.abs(value) < step * 1e-9 ? 0 : value)
