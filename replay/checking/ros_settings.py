@@ -7,13 +7,11 @@ mounting of the IMU as a static transform.
 import math
 import tomllib
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries
 from icreckon.estimator.robot.robot_file import Robot, make_robot
@@ -22,7 +20,7 @@ from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.checking import check
 from icreckon.replay.checking.track_checks import is_other_track
-from icreckon.replay.estimates.latency import truth_lag, without_lag
+from icreckon.replay.estimates.latency import truth_lag, with_truth_in_time
 from icreckon.replay.estimates.wheels import Estimate
 from icreckon.replay.inspection.filled_in import has_stand_in_gauge
 from icreckon.replay.mapping.topics import topic_map
@@ -132,10 +130,8 @@ def _forward_errors(log: Log, robot: Robot) -> Floats:
     truth, yaw_rates = log.truth, check.comparable_yaw_rates(log, robot)
     if truth is None or not truth.headings or log.imu is None or yaw_rates is None:
         return np.zeros(0)
-    lag = truth_lag(truth, log.tracks, log.imu, yaw_rates)
-    if isinstance(lag, Lag) and truth.twists is None:
-        truth = replace(truth, poses=without_lag(truth.poses, lag))
-    motion = check.true_motion(log, truth, WINDOW)
+    in_time = with_truth_in_time(log, truth_lag(truth, log.tracks, log.imu, yaw_rates))
+    motion = check.true_motion(log, in_time.truth or truth, WINDOW)
     if motion is None:
         return np.zeros(0)
     edges, moved = motion

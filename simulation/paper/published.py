@@ -36,10 +36,6 @@ class PublishedNumber(msgspec.Struct, frozen=True):
         half = 0.5 * 10.0 ** -len(decimals)
         return abs(reproduced - self.value) <= half * (1.0 + ROUNDING_NOISE)
 
-    def percent_off(self, reproduced: float) -> float:
-        """Reproduced less published, as a share of the published size [%]."""
-        return 100.0 * (reproduced - self.value) / abs(self.value)
-
 
 _MEANS = "section II, under Fig. 3"
 _FITS = "section III-C"

@@ -111,7 +111,7 @@ def published_rows(values: Mapping[str, float]) -> tuple[Row, ...]:
             **msgspec.structs.asdict(number),
             published=number.value,
             reproduced=values[number.name],
-            difference_percent=number.percent_off(values[number.name]),
+            difference_percent=100.0 * (values[number.name] - number.value) / abs(number.value),
             rounds_to_published=number.rounds_from(values[number.name]),
         )
         for number in (*PUBLISHED, *READ_OFF)
