@@ -9,12 +9,14 @@ from typer import Option
 from icreckon.cli.common.comparing import compare_and_write
 from icreckon.cli.common.console import exit_if_failed, results_folder, say, show
 from icreckon.cli.common.options import Formats, Json, Out, Overwrite, Wide, Workers
+from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.export.formats import parse_formats
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.reading.read_log import read_log
 from icreckon.report.replay.page_text import failures
 from icreckon.report.replay.tables import WIDE_FROM, results_table
+from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.drives.drives import TRAJECTORIES
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -43,6 +45,9 @@ def command(
 
     The robot is Auriga-alpha.
     """
+    if trajectory not in TRAJECTORIES:
+        hint = nearest_hint(trajectory, list(TRAJECTORIES))
+        raise SimulationError(f"no trajectory of a demo: {trajectory!r}{hint}")
     wanted = parse_formats(formats)
     robot = load_robot(ROBOT)
     scenario = demo_scenario(seed, duration, trajectory)

@@ -102,7 +102,7 @@ class OdometryNode:
         except ParameterException as problem:
             raise EstimatorError(f"parameters of the node: {problem}") from None
         self._log = self.node.get_logger()
-        self._problems: dict[str, int] = {}
+        self._problems: set[str] = set()  # those that are logged
         self.options = self._declared(robot, variant)
         options = self.options
         self._log.info("loading the filter; `icreckon prepare` ahead makes this quick")
@@ -125,7 +125,7 @@ class OdometryNode:
             odom_frame=options.odom_frame,
         )
         self.live.inputs.place_of_frame = self._place_of_frame
-        self._warn_of_state_file()
+        self._warn(self.live.set_aside)
         self._statuses = LiveStatuses(self.live)
         self._slip_watch = SlipWatch(self.live.robot.vehicle.track_gauge)
         # Inputs that nobody publishes yet, and those on which nothing has come.
@@ -471,14 +471,10 @@ class OdometryNode:
 
     def _on_reset(self, _: Any, response: Any) -> Any:
         self.live.restart()
-        self._warn_of_state_file()
+        self._warn(self.live.set_aside)
         response.success = True
         response.message = "started again at the origin, with the learnt parameters"
         return response
-
-    def _warn_of_state_file(self) -> None:
-        if self.live.set_aside:
-            self._warn(self.live.set_aside)
 
     def _save_learnt(self) -> str | None:
         """Write the state file; return the problem if it cannot be written, else None."""
@@ -495,7 +491,7 @@ class OdometryNode:
         return None
 
     def _warn(self, problem: str) -> None:
-        """Log a problem once; repetitions are counted."""
-        self._problems[problem] = self._problems.get(problem, 0) + 1
-        if self._problems[problem] == 1:
+        """Log a problem, if there is one, once."""
+        if problem and problem not in self._problems:
+            self._problems.add(problem)
             self._log.warning(problem)

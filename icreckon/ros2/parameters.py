@@ -3,7 +3,7 @@
 import math
 from array import array
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
@@ -118,10 +118,9 @@ QOS_POLICIES: Mapping[str, tuple[str, ...]] = {
 
 def constraints(name: str) -> str:
     """Values that a parameter may have, as `ros2 param describe` shows; empty for any."""
-    kind = get_type_hints(NodeOptions, include_extras=True)[name]
-    if get_origin(kind) is Literal:
-        return f"one of {', '.join(get_args(kind))}"
-    return next((part.wanted for part in get_args(kind) if isinstance(part, Bound)), "")
+    parts = get_args(NodeOptions.__annotations__[name])
+    choices = ", ".join(part for part in parts if isinstance(part, str))
+    return next((part.wanted for part in parts if isinstance(part, Bound)), choices)
 
 
 def unknown_parameters(given: Iterable[str]) -> list[str]:

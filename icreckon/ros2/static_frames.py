@@ -1,6 +1,7 @@
 """Poses of frames by /tf_static: of the IMU on the robot, and of the fixes."""
 
 import time
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -26,10 +27,8 @@ class StaticFrames:
         self._node = node
         self._transforms = TransformStream("frames", "tf", source="", time="recording")
         qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        node.create_subscription(message_class(TF), "/tf_static", self._take, qos)
-
-    def _take(self, message: Any) -> None:
-        self._transforms.add_transforms("/tf_static", 0, message)
+        take = partial(self._transforms.add_transforms, "/tf_static", 0)
+        node.create_subscription(message_class(TF), "/tf_static", take, qos)
 
     def pose(self, parent: str, child: str) -> tuple[Floats, Floats] | None:
         """Place (3,) [m] and rotation (3, 3) of a frame in another; None if unknown."""

@@ -189,16 +189,15 @@ def _distance_ratio(
     return Estimate(value, float(np.hypot(max(sigma, value * by_noise), value * longer)), source)
 
 
-def standstills(log: Log, *, turning: bool = False) -> list[tuple[float, float]]:
-    """Stops of a second or more: (start, end) since the log's start [s].
-
-    `turning` are those in which the gyros turn, which are no standstills.
-    """
-    stops, imu = imu_mounting.stops(log.tracks), log.imu
-    rates = (np.zeros(0, int), np.zeros(0)) if imu is None else (imu.stamps, imu.angular_velocity)
-    kept = [stop for stop in stops if imu_mounting.turns_in(stop, *rates) == turning]
-    times = (np.array(kept).reshape(-1, 2) - log.start) * NANOSECOND
-    return [(start, end) for start, end in times.tolist() if end - start >= 1.0]
+def standstills(log: Log) -> list[tuple[float, float, bool]]:
+    """Stops of a second or more: start, end [s], and whether gyros turn meanwhile."""
+    imu, found = log.imu, []
+    for stop in imu_mounting.stops(log.tracks):
+        start, end = ((stamp - log.start) * NANOSECOND for stamp in stop)
+        turns = imu is not None and imu_mounting.turns_in(stop, imu.stamps, imu.angular_velocity)
+        if end - start >= 1.0:
+            found.append((start, end, turns))
+    return found
 
 
 def turning_suspicion(tracks: TrackSpeedSeries, yaw_rates: YawRates, gauge: float = 1.0) -> str:

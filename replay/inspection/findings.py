@@ -131,15 +131,15 @@ def _standstill_findings(estimates: LogEstimates, log: Log) -> Iterator[str]:
     """Findings on standstills, and on the bias of the gyro at them."""
     mounting = estimates.mounting
     if len(log.tracks.stamps):
-        stops = wheels.standstills(log)
-        total = sum(end - begin for begin, end in stops)
-        spans = ", ".join(f"{begin:.0f} to {end:.0f} s" for begin, end in stops[:MOST_STOPS])
+        named = [(f"{a:.0f} to {b:.0f} s", b - a, turns) for a, b, turns in wheels.standstills(log)]
+        stops = [(name, length) for name, length, turns in named if not turns]
+        total = sum(length for _, length in stops)
+        spans = ", ".join(name for name, _ in stops[:MOST_STOPS])
         more = ", ..." if len(stops) > MOST_STOPS else ""
         text = f"{len(stops)}, {total:.0f} s in all ({spans}{more})"
         yield f"standstills: {text if stops else 'none of a second or more'}"
-        for begin, end in wheels.standstills(log, turning=True)[:MOST_STOPS]:
-            span = f"{begin:.0f} to {end:.0f} s"
-            yield f"tracks: at rest while the gyro turns, {span}: carried, or no track speeds?"
+        for name in [name for name, _, turns in named if turns][:MOST_STOPS]:
+            yield f"tracks: at rest while the gyro turns, {name}: carried, or no track speeds?"
     if mounting is not None and mounting.gyro_bias is not None:
         bias = ", ".join(f"{value:.5f}" for value in mounting.gyro_bias)
         text = f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes"

@@ -65,7 +65,6 @@ class InterceptCheck(NamedTuple):
     regressors. With s|F| for |F| sign(x_1) sign(x_2):
     """
 
-    mean_epsilon: float  # mean eccentricity by the published mean ICRs, (18) [m]
     needed: float  # mean of s|F| at which the published fit (26) gives it [N]
     # range of `needed` over all values that round to the published digits [N]
     needed_range: tuple[float, float]
@@ -152,7 +151,6 @@ def check_intercepts(mapped: DynamicMap) -> InterceptCheck:
         for gain in (-5e-5, 5e-5)
     ]
     return InterceptCheck(
-        mean_epsilon=mean_epsilon,
         needed=(mean_epsilon - fitted.epsilon0) / fitted.epsilon1,
         needed_range=(min(corners), max(corners)),
         of_published_model=float(_signed_inertia(map_of_published_model()).mean()),

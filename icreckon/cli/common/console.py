@@ -34,11 +34,7 @@ BAR = 16  # width of a bar [characters]
 LONGEST_COMPILATION = 300.0  # longest time for which a kernel is compiled [s]
 FAILED = 1  # exit status of a command that has written incomplete results
 # Messages of a loader for a library that does not fit in memory.
-UNMAPPED = (
-    "failed to map segment",
-    "annot allocate memory",
-    "cannot create shared object descriptor",
-)
+UNMAPPED = ("failed to map segment", "annot allocate memory", "create shared object descriptor")
 LONGEST_LINE = 2000  # most characters of an error; names from a file may be of any length
 MakeTable = Callable[..., RenderableType]  # from data and the argument `narrow`
 

@@ -43,13 +43,12 @@ def counts_text(results: Results) -> str:
 
 def origin_text(results: Results) -> str:
     """Sentences on what is measured, simulated and fitted."""
-    largest_inertia = results["configuration"]["largest_inertia_N"]
     return (
         f"Nothing here is measured: all {results['map']['pairs']} motions are simulated, by friction at "
         "contact points. The paper states neither contact nor friction nor the height of the centre of "
         "mass; they were fitted to these numbers. So agreement shows that one ground explains them "
         "together, and no more. Means and fits leave out motions above "
-        f"{largest_inertia:g} N of inertia."
+        f"{results['configuration']['largest_inertia_N']:g} N of inertia."
     )
 
 

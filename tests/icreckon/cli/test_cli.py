@@ -168,7 +168,7 @@ def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
     words = ("--scenario", "short.toml", "--duration", 50)
     assert "command line over short.toml: an outage" in fails(*into_run, *words, cwd=tmp_path)
     assert "recorded" not in fails("demo", "--trajectory", "foo", cwd=tmp_path)
-    assert "needs trajectory_file" in fails("demo", "--trajectory", "recorded", cwd=tmp_path)
+    assert "no trajectory of a demo" in fails("demo", "--trajectory", "recorded", cwd=tmp_path)
     (tmp_path / "afile").write_text("a\n")
     for words in ("simulate --out", "demo --out", "inspect run --write"):
         assert "did not write" in fails(*words.split(), "afile", "--overwrite", cwd=tmp_path)

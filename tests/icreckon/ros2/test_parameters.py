@@ -73,5 +73,5 @@ def test_a_pose_is_three_numbers_of_any_kind_or_none(values: object) -> None:
 
 def test_constraints_are_those_that_are_checked() -> None:
     assert constraints("reorder") == "from 0 to 10"
-    assert constraints("input_reliability") == "one of auto, reliable, best_effort"
-    assert constraints("robot") == ""
+    assert constraints("input_reliability") == "auto, reliable, best_effort"
+    assert constraints("robot") == constraints("start_pose") == ""
