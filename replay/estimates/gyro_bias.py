@@ -119,7 +119,7 @@ def bias_while_driving(log: Log, yaw_rates: YawRates) -> GyroBias | None:
 
 
 def _windows(stamps: Stamps, imu_stamps: Stamps) -> tuple[float, Stamps, Flags]:
-    """Length [s] and edges (w + 1,) [ns] of windows, and mask (w,) of those without a hole."""
+    """Length [s] and edges (w + 1,) [ns] of windows; mask (w,) of those without hole."""
     begin, end = max(stamps[0], imu_stamps[0]), min(stamps[-1], imu_stamps[-1])
     window = (end - begin) * NANOSECOND / (2 * BLOCKS + 1)
     step = round(min(WINDOW, max(LEAST_WINDOW, window)) / NANOSECOND)

@@ -85,7 +85,7 @@ def heading_lag(headings: Sequence[HeadingFix], yaw_rates: YawRates) -> Lag | No
 def truth_lag(
     truth: Truth, tracks: TrackSpeedSeries, imu: ImuSeries, yaw_rates: YawRates
 ) -> Lag | NoLag:
-    """Estimate the lag of a truth by its headings if they fit its path, or else by that.
+    """Estimate the lag of a truth by headings that fit its path, or else by the path.
 
     Headings are compared with the gyro, positions with the path of tracks (in any unit) and gyro.
     """
