@@ -18,7 +18,7 @@ from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.live.base_frame import CENTRE, BaseFrame, Pose
 from icreckon.replay.live.diagnostic_status import DiagnosticStatus
 from icreckon.replay.live.inputs import Subscription
-from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry
+from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry, live_topics
 from icreckon.replay.live.silence import silent_topic
 from icreckon.replay.live.slip import SlipWatch
 from icreckon.replay.live.statuses import LiveStatuses, parameter_statuses
@@ -108,7 +108,7 @@ class OdometryNode:
         self._log.info("loading the filter; `icreckon prepare` ahead makes this quick")
         self._state_file = Path(options.state_file).expanduser() if options.state_file else None
         loaded = load_robot(options.robot and str(Path(options.robot).expanduser()))
-        has_fixes = options.use_fixes and "fixes" in loaded.log
+        has_fixes = options.use_fixes and live_topics(loaded).fixes is not None
         if has_fixes or options.mounting_from_tf:
             self._frames = StaticFrames(self.node)
         if options.mounting_from_tf:

@@ -19,10 +19,8 @@ from icreckon.replay.reading.stamps import true_runs
 STILL_SPEED = 0.005  # track speeds below this share of the fastest, spikes aside, count as zero [-]
 SLOW_AT_GAP, LEAST_GAP = 0.1, 2.0  # highest share of the speed around a gap [s] that is a stop
 STILL_MARGIN = 0.5  # time after a stop and before a start that does not count as standstill [s]
-STILL_PART, MOST_TURNING_AT_REST = (
-    0.5,
-    0.05,
-)  # mean rates over this [s] differ by less at rest [rad/s]
+STILL_PART, MOST_TURNING_AT_REST = 0.5, 0.05
+"""Time of a mean rate [s], and largest range of these at rest [rad/s]."""
 ENOUGH_STILL = 2.0  # shortest standstill, less the margins, from which a bias is estimated [s]
 ABSURD = 1e6  # implausible reading of an IMU, in rad/s or m/s², or of track speeds, in rad/s
 SMOOTHING = 0.5  # time over which accelerations are averaged before they are compared [s]

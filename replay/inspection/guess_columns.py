@@ -128,7 +128,7 @@ def unused_columns(tables: Sequence[Table], columns: ColumnMap | None) -> Iterat
         if places:
             yield f"positions not used: {', '.join(sorted(places))}; a truth is in metres"
     yaws = [name for name in names if POSE_NAMES[2].search(naming.plain_name(name))]
-    if yaws and (columns.truth is None or columns.truth.yaw is None):
+    if yaws and not columns.heading and (columns.truth is None or columns.truth.yaw is None):
         yield f"headings not used: {', '.join(sorted(yaws))}; see [log.columns.heading]"
 
 

@@ -25,15 +25,7 @@ UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.Bad
 FILES = "files"  # key of the manifest with the names of written files, for `--overwrite`
 # Most differences that a message lists; differences in `UNLISTED` follow from others or are harmless.
 MOST_LISTED = 4
-UNLISTED = (
-    "cells:",
-    "axes:",
-    "remarks:",
-    "name:",
-    "configuration.name:",
-    "runs:",
-    "configuration.runs:",
-)
+UNLISTED = ("cells:", "axes:", "remarks:", "name:", "runs:")
 Reasons = NDArray[np.str_]  # of failed runs, by filter and run; empty for the others
 
 
@@ -149,7 +141,11 @@ def _refuse_others(folder: Path, old: dict[str, Any] | None, manifest: dict[str,
         return
     old.pop(FILES, None)
     all_changes = differences(old, json.loads(as_json(manifest)))
-    changed = [change for change in all_changes if not change.startswith(UNLISTED)]
+    changed = [
+        change
+        for change in all_changes
+        if not change.removeprefix("configuration.").startswith(UNLISTED)
+    ]
     listed = "; ".join(changed[:MOST_LISTED]) or "content of the recording"
     unlisted = f"; and {len(changed) - MOST_LISTED} more" if len(changed) > MOST_LISTED else ""
     raise SimulationError(
