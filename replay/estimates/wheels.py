@@ -191,13 +191,20 @@ def _distance_ratio(
 
 def standstills(log: Log) -> list[tuple[float, float, bool]]:
     """Stops of a second or more: start, end [s], and whether gyros turn meanwhile."""
-    imu, found = log.imu, []
+    turning, found = turning_stops(log), []
     for stop in imu_mounting.stops(log.tracks):
         start, end = ((stamp - log.start) * NANOSECOND for stamp in stop)
-        turns = imu is not None and imu_mounting.turns_in(stop, imu.stamps, imu.angular_velocity)
         if end - start >= 1.0:
-            found.append((start, end, turns))
+            found.append((start, end, stop in turning))
     return found
+
+
+def turning_stops(log: Log) -> list[tuple[int, int]]:
+    """First and last stamp [ns] of each stop of both tracks in which gyros turn."""
+    if (imu := log.imu) is None:
+        return []
+    rates, stops = imu.angular_velocity, imu_mounting.stops(log.tracks)
+    return [stop for stop in stops if imu_mounting.turns_in(stop, imu.stamps, rates)]
 
 
 def turning_suspicion(tracks: TrackSpeedSeries, yaw_rates: YawRates, gauge: float = 1.0) -> str:

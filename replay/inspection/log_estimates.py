@@ -27,6 +27,7 @@ from icreckon.replay.estimates.track_by_rate import TrackByRate, track_by_rate, 
 from icreckon.replay.estimates.wheels import (
     NO_WHEELS,
     WheelEstimates,
+    turning_stops,
     units_and_sides,
     wheel_estimates,
 )
@@ -211,7 +212,7 @@ def _measured(estimates: LogEstimates, log: Log) -> LogEstimates:
             turning = turning_at(aligned.tracks, *yaw_rates, wheels.track.value)
     stuck = stuck_sides(aligned.tracks, turning)
     sound = longest_without(aligned, stuck)
-    if stuck and shows_wheels and yaw_rates is not None:
+    if sound is not aligned and shows_wheels and yaw_rates is not None:
         wheels = wheel_estimates(sound, yaw_rates, correlation)
     measured = replace(
         estimates,
@@ -229,14 +230,15 @@ def _measured(estimates: LogEstimates, log: Log) -> LogEstimates:
 
 
 def longest_without(log: Log, stuck: Sequence[StuckSide]) -> Log:
-    """Longest part of a log in which no side is stuck; the log if there is none."""
-    if not stuck:
-        return log
+    """Longest part without a stuck side, and without rest while gyros turn."""
     is_sound = np.ones(len(log.tracks.stamps), dtype=bool)
-    for rows in (rows for side in stuck for rows in side.spans):
+    turning = [slice(*np.searchsorted(log.tracks.stamps, stop)) for stop in turning_stops(log)]
+    for rows in (*turning, *(rows for side in stuck for rows in side.spans)):
         is_sound[rows] = False
     runs = log.tracks.stamps[true_runs(is_sound)]
-    return log.between(*max(runs.tolist(), key=lambda run: run[1] - run[0])) if len(runs) else log
+    if is_sound.all() or not len(runs):
+        return log
+    return log.between(*max(runs.tolist(), key=lambda run: run[1] - run[0]))
 
 
 def _mounting_and_yaw_rates(

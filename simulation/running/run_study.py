@@ -55,9 +55,9 @@ def run_study(
     chosen = choose_engine(plan)
     identity = manifest(plan, chosen)
     if remark is not None:
-        if chosen is not BATCH:
-            why = BATCH.why_not(plan)
-            remark(f"runs are computed one after the other, which is slow: {why}")
+        reason = None if chosen is BATCH else BATCH.why_not(plan)
+        if reason is not None:
+            remark(f"runs are computed one after the other, which is slow: {reason}")
         for warning in identity["remarks"]:
             remark(warning)
     store = open_store(Path(folder), identity, overwrite=overwrite)

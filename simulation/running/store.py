@@ -140,12 +140,8 @@ def _refuse_others(folder: Path, old: dict[str, Any] | None, manifest: dict[str,
     if old["digest"] == manifest["digest"]:
         return
     old.pop(FILES, None)
-    all_changes = differences(old, json.loads(as_json(manifest)))
-    changed = [
-        change
-        for change in all_changes
-        if not change.removeprefix("configuration.").startswith(UNLISTED)
-    ]
+    found = differences(old, json.loads(as_json(manifest)))
+    changed = [one for one in found if not one.removeprefix("configuration.").startswith(UNLISTED)]
     listed = "; ".join(changed[:MOST_LISTED]) or "content of the recording"
     unlisted = f"; and {len(changed) - MOST_LISTED} more" if len(changed) > MOST_LISTED else ""
     raise SimulationError(

@@ -304,7 +304,10 @@ def test_track_speeds_of_zero_while_the_robot_turns_are_no_standstill(tmp_path: 
     assert [stop for stop in found if not stop[2]] == wheels.standstills(log)
     assert [stop[:2] for stop in found if stop[2]] == [pytest.approx((30.0, 50.0), abs=0.1)]
     write_log(broken, tmp_path / "log", "mcap", load_robot("auriga-alpha"))
-    text = "\n".join(inspect(tmp_path / "log").findings)
+    sound_bag = write_log(log, tmp_path / "sound", "mcap", load_robot("auriga-alpha"))
+    found, sound = (inspect(one) for one in (tmp_path / "log", sound_bag))
+    text = "\n".join(found.findings)
+    assert found.track.whole == pytest.approx(sound.track.whole, rel=0.01)
     assert "at rest while the gyro turns, 30 to 50 s: carried, or no track speeds?" in text
 
 
