@@ -230,6 +230,11 @@ def test_a_lead_that_may_be_chance_is_called_so(results: dict[str, Any]) -> None
     told = headline(results | {"verdict": verdict})
     assert told.startswith("No variant drifts significantly less than constant-online on this log.")
     assert "10 % less than constant-online (95 %: 30 % less to 10 % more): that may be" in told
+    worst = max(verdict["ratios_to_best"], key=verdict["ratios_to_best"].get)
+    more = change(verdict["ratios_to_best"][worst])
+    assert f"may be chance. {worst} drifts {more}." in headline(
+        results | {"verdict": verdict | {"not_shown_worse": []}}
+    )
     told = headline(results | {"verdict": verdict | {"ratio_95": None, "drift_percent_95": None}})
     assert "The log is too short to say" in told
     assert "interval" not in told
@@ -561,3 +566,13 @@ def test_faults_are_named_with_their_times(changed) -> None:
     assert set(fault_lines(changed)) <= set(notes(changed))
     speeds = next(one for one in page_data(changed)["charts"] if one["place"] == "inputs")
     assert speeds["spans"] == [[10.0, 11.5], [40.0, 41.0], [50.0, 60.0]]
+
+
+def test_faults_are_named_without_a_truth_too(blind: dict[str, Any]) -> None:
+    """By the last of the filters, since none is the best."""
+    assert blind["verdict"] is None
+    name = list(blind["variants"])[-1]
+    spans = {"fault_spans_s": {"silent: IMU": [[50.0, 60.0]]}}
+    variants = blind["variants"] | {name: blind["variants"][name] | spans}
+    (line,) = fault_lines(blind | {"variants": variants})
+    assert line.startswith(f"Found by the variant {name}: no samples of the IMU; once")

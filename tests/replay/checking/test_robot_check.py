@@ -178,6 +178,17 @@ def test_a_bias_without_a_standstill_before_the_end_is_named(source, trajectory,
     assert found.settings["imu.gyro_bias"] == pytest.approx(-0.0156, abs=0.004)
 
 
+def test_a_truth_that_is_late_is_no_wrong_radius(log: Log) -> None:
+    poses = replace(log.truth.poses, stamps=log.truth.poses.stamps + 3_000_000_000)
+    truth = replace(log.truth, poses=poses, twists=None, tracks=None)
+    late_truth, in_time = (
+        next(one for one in check_robot(each, ALPHA) if one.name == SCALE)
+        for each in (replace(log, truth=truth), log)
+    )
+    assert not late_truth.problem
+    assert late_truth.measured.value == pytest.approx(in_time.measured.value, abs=0.005)
+
+
 @pytest.mark.parametrize("name", ERRORS)
 def test_an_error_is_named_alone_and_mended(log: Log, name: str):
     of_log, of_robot, quantity, text = ERRORS[name]

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from icreckon.estimator.base.frames import compose, relative
+from icreckon.estimator.base.frames import compose, relative, rpy_to_matrix
+from icreckon.estimator.robot.robot_file import Imu
 from icreckon.replay.live.base_frame import BaseFrame, Pose
 
 OFFSETS: list[Pose] = [(0.0, 0.0, 0.0), (-0.4, 0.1, 0.0), (0.3, -0.2, 0.7), (0.0, 0.0, np.pi)]
@@ -33,6 +34,16 @@ def test_the_base_frame_is_at_its_place_on_the_robot(offset: Pose) -> None:
     assert in_odom == pytest.approx(relative(first, in_map))
     x, y = base.point(0.0, 0.0)
     assert compose(offset, (x, y, 0.0))[:2] == pytest.approx([0.0, 0.0])
+
+
+def test_an_imu_on_the_base_frame_is_placed_on_the_robot() -> None:
+    base, upside_down = BaseFrame((0.3, -0.2, np.pi / 2)), rpy_to_matrix(np.pi, 0.0, 0.0)
+    imu = base.mounted(Imu(), np.array([0.1, 0.0, 0.4]), upside_down)
+    assert imu.position == pytest.approx((0.3, -0.1, 0.4))
+    on_robot = rpy_to_matrix(*np.radians(imu.rotation_rpy_deg))
+    np.testing.assert_allclose(
+        on_robot, rpy_to_matrix(0.0, 0.0, np.pi / 2) @ upside_down, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("offset", OFFSETS)

@@ -359,6 +359,20 @@ def test_every_shape_of_study_has_tables_figures_and_a_page(changes, known, monk
     assert summary_tables(again) == summary_tables(results)
 
 
+def test_the_page_has_the_robot_and_what_is_wrong_with_its_file(tmp_path) -> None:
+    robot = tmp_path / "mine.toml"
+    sizes = "mass = 123.0\ntrack_gauge = 0.6\nsprocket_radius = 0.1\n"
+    robot.write_text(f'name = "mine"\n[vehicle]\n{sizes}', encoding="utf-8")
+    cases = {"payload": {"no load": {}, "load": {"gyro.factor": 2.0}}}
+    study = msgspec.structs.replace(STUDY, robot=str(robot), sweep=Sweep(cases=cases))
+    results = results_of(stubbed(study))
+    assert results["robot"]["vehicle"]["mass"] == 123.0
+    assert any("set eta0 = " in remark for remark in results["remarks"])
+    page = study_page(results, [])
+    for text in (*results["remarks"], '"mass": 123.0', '"no load": {}'):
+        assert text in html.unescape(page)
+
+
 def test_variants_and_cells_of_the_same_results_are_named() -> None:
     runs = stubbed(STUDY)
     runs.values[1] = runs.values[0]
