@@ -172,7 +172,11 @@ def robot_of(name: str, *, sloped: bool) -> Robot:
         height = HEIGHT * vehicle.track_gauge
         vehicle = msgspec.structs.replace(vehicle, centre_of_mass=(x, y, height))
     robot = msgspec.structs.replace(
-        robot, vehicle=vehicle, soil=robot.soil or USUAL, indices=Indices(), constant_icr=None
+        robot,
+        vehicle=vehicle,
+        soil=USUAL if robot.soil == Soil() else robot.soil,
+        indices=Indices(),
+        constant_icr=None,
     )
     eta = float(np.mean(slow_turns(contact_of(robot)).eta))
     return msgspec.structs.replace(robot, indices=Indices(eta0=round(max(eta, 1.0), 3)))

@@ -48,6 +48,7 @@ from icreckon.estimator.log.scores import drift, interpolate_poses
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import Indices, Robot, Slope, load_robot
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.soil import Soil
 from icreckon.estimator.robot.variants import VARIANTS, default_adaptation
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
@@ -228,7 +229,7 @@ def as_made(name: str) -> Robot:
         robot.imu, rotation_rpy_deg=(roll, pitch, yaw), position=(0.0, 0.0, 0.0), gyro_scale=1.0
     )
     return msgspec.structs.replace(
-        robot, vehicle=vehicle, imu=imu, indices=Indices(eta0=1.0), constant_icr=None, soil=None
+        robot, vehicle=vehicle, imu=imu, indices=Indices(eta0=1.0), constant_icr=None, soil=Soil()
     )
 
 

@@ -37,7 +37,6 @@ LEAST_UPRIGHT = 0.1  # least share of the vertical along the z axis of a gyro th
 # Radii that differ by more are an error of units, not of tyres [-].
 _Difference = Annotated[float, Bound("relative (0.02 is 2 %), 0.5 at most in size", -0.5, 0.5)]
 RATE_NOISE = "in radians, 1 at most (1 deg/s is 0.0175 rad/s, 1 deg/h is 4.85e-6)"
-TYPICAL_ROLLING = 0.05  # rolling resistance of unknown ground [-]
 LOAD_LAG = 0.2  # default lag of the load transfer [s]
 LARGEST_ETA = 1000.0  # largest distance of constant ICRs, as a multiple of the gauge
 MOST_POINTS = 1000  # most contact points of a track
@@ -284,7 +283,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
         imu: mounting and noise of the IMU.
         tracks: scale and noise of the track speeds.
         slope: slope of the ground.
-        soil: friction and rolling resistance of the robot's usual ground, None if unknown.
+        soil: friction and rolling resistance of the robot's usual ground.
         undetected_slip: slip of both tracks that no sensor shows.
         slip: overrides of the slip residual, variant name -> Slip; see
             `icreckon.estimator.robot.variants`.
@@ -300,7 +299,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
     imu: Imu = Imu()
     tracks: Tracks = Tracks()
     slope: Slope = Slope()
-    soil: Soil | None = None
+    soil: Soil = Soil()
     undetected_slip: UndetectedSlip = UndetectedSlip()
     slip: dict[str, Slip] = {}
     log: dict[str, Any] = {}
@@ -333,7 +332,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
     def constants(self) -> VehicleConstants:
         """Constants of the motion models: mass and geometry in the paper's axes."""
         vehicle = self.vehicle
-        rolling = TYPICAL_ROLLING if self.soil is None else self.soil.rolling_resistance
+        rolling = self.soil.rolling_resistance
         return VehicleConstants(
             vehicle.track_gauge, vehicle.mass, *self.centre_of_mass_paper, rolling, vehicle.load_lag
         )

@@ -25,7 +25,7 @@ class Soil(Bounded, frozen=True):
 
     friction: Friction = 0.9
     longitudinal_friction: Friction | None = None
-    rolling_resistance: NotNegative = 0.0
+    rolling_resistance: NotNegative = 0.05
     shear_modulus: NotNegative = 0.0
     regularising_speed: Positive = 1e-4
     resistance_opposes: Literal["travel", "track"] = "travel"

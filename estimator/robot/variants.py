@@ -25,7 +25,6 @@ from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.motion.linear_model import LinearMotion
 from icreckon.estimator.motion.motion_model import MotionModel, VehicleConstants
 from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
-from icreckon.estimator.robot.soil import Soil
 
 # The largest lateral force of inertia in the paper's simulations, as a share of the weight.
 TYPICAL_FORCE = 0.07
@@ -256,8 +255,7 @@ def coulomb_gains(robot: Robot) -> CoulombGains:
     height h, loads change by -h y / mean(y²) of themselves. Forces across the tracks are balanced about
     a y_ICR that is h mean(y² / r) / (mean(y²) mean(a² / r³)) further back.
     """
-    vehicle, soil = robot.vehicle, robot.soil
-    friction = Soil().friction if soil is None else soil.friction
+    vehicle, friction = robot.vehicle, robot.soil.friction
     half = vehicle.half_contact_length
     y = np.linspace(-half, half, vehicle.contact_points)
     away = 0.5 * (robot.constant_indices.eta0 - 1.0) * vehicle.track_gauge

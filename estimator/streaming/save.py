@@ -39,7 +39,7 @@ from icreckon.estimator.streaming.late_measurements import HistoryCheckpoint
 from icreckon.estimator.streaming.latencies import Latencies
 
 FORMAT = "icreckon estimator"
-VERSION = 17
+VERSION = 18
 SHORT = 120  # objects of up to this many characters are written on one line of the file
 UNUSED = ("log", "note", "format")  # keys of a robot file that an estimator does not depend on
 # Keys of a robot file that learnt parameters, scales and biases depend on; the others are noise.

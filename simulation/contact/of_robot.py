@@ -5,7 +5,6 @@ import numpy as np
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.motion.icr import IndexValues, icrs_from_twist, indices_from_icrs
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.contact.contact import Body, Contact, equally_spaced
 from icreckon.simulation.contact.steady_state import solve_steady
 
@@ -18,19 +17,18 @@ LARGEST_ETA_RATIO = 1.15
 
 
 def contact_of(robot: Robot) -> Contact:
-    """Contact of the tracks with the robot's usual ground, `Soil()` if unknown.
+    """Contact of the tracks with the robot's usual ground.
 
     Raises:
         EstimatorError: the centre of mass does not lie over the contact, or below the ground.
     """
     vehicle = robot.vehicle
     try:
-        soil = Soil() if robot.soil is None else robot.soil
         geometry = equally_spaced(
             vehicle.track_gauge, vehicle.half_contact_length, vehicle.contact_points
         )
         body = Body(vehicle.mass, *robot.centre_of_mass_paper, vehicle.centre_of_mass[2])
-        return Contact(soil, geometry, body)
+        return Contact(robot.soil, geometry, body)
     except ValueError as error:
         raise EstimatorError(
             f"{robot.name}: no contact with the ground: {error}; correct [vehicle], or simulate with "

@@ -124,7 +124,7 @@ def test_loads_solve_the_complementarity_problem(right, forward):
 
 def test_friction_opposes_slip_and_stays_within_the_ellipse():
     geometry = ContactGeometry(0.42, (-1e-3, 1e-3))
-    contact = Contact(Soil(0.5, 0.8), geometry, Body(100.0))
+    contact = Contact(Soil(0.5, 0.8, 0.0), geometry, Body(100.0))
     twist, _ = draw(1.0)
     twist[2] = 0.0
     zero = np.zeros(200)
@@ -155,7 +155,11 @@ def test_rolling_resistance_opposes_travel_or_the_track():
 
 def test_shear_displacement_builds_friction_up_from_the_entry():
     K, slip, V = 0.02, 0.1, 0.5
-    contact = Contact(Soil(0.6, shear_modulus=K, regularising_speed=1e-7), GEOMETRY, Body(100.0))
+    contact = Contact(
+        Soil(0.6, rolling_resistance=0.0, shear_modulus=K, regularising_speed=1e-7),
+        GEOMETRY,
+        Body(100.0),
+    )
     at = np.ones(1)
     twist = PaperTwist(0.0 * at, (V - slip) * at, 0.0 * at)
     force, *_ = track_forces(twist, V * at, V * at, contact, vertical_loads(contact))

@@ -27,7 +27,7 @@ GEOMETRY = equally_spaced(0.42, 0.4, 5)
 BODY = Body(258.0, -0.015, 0.04, 0.3)
 INERTIA = 20.0
 CONTACT = Contact(Soil(0.9, rolling_resistance=0.05), GEOMETRY, BODY)
-CENTRED = Contact(Soil(0.8), GEOMETRY, Body(258.0, z_CM=0.3))
+CENTRED = Contact(Soil(0.8, rolling_resistance=0.0), GEOMETRY, Body(258.0, z_CM=0.3))
 STEP = 0.01
 
 

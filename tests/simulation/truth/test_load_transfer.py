@@ -8,6 +8,7 @@ from icreckon import Scenario, Terrain, load_robot
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import Indices
+from icreckon.estimator.robot.soil import Soil
 from icreckon.estimator.robot.variants import (
     VARIANTS,
     coulomb_gains,
@@ -58,3 +59,11 @@ def test_a_robot_without_indices_has_the_gains_of_friction() -> None:
     parameters = initial_parameters(robot, VARIANTS["inertia-online"])
     assert parameters[[2, 8]].tolist() == [*coulomb_gains(robot)[:2]]
     assert (parameters[[2, 8]] > 0.0).all()
+
+
+def test_filters_assume_the_ground_that_moves_the_simulated_robot() -> None:
+    """A file without [soil], or with a part of it: simulated without resistance, bends drifted twice."""
+    bare = load_robot("husky")
+    assert contact_of(bare).soil.rolling_resistance == bare.constants.rolling_resistance > 0.0
+    icy = msgspec.structs.replace(bare, soil=msgspec.convert({"friction": 0.2}, Soil))
+    assert icy.constants.rolling_resistance == bare.constants.rolling_resistance
