@@ -72,7 +72,8 @@ class Adaptation(Bounded, frozen=True):
 
     A parameter with standard deviation zero is not estimated: it keeps its initial value. `zeta1`,
     `epsilon1`, `eta1` and `eta2` are given as contributions to their index at a lateral force of inertia
-    of 0.07 times the weight (the largest in the paper's simulations).
+    of 0.07 times the weight (the largest in the paper's simulations); `eta1` and `eta2` at the force of
+    the robot's fastest bend if that is larger.
 
     Attributes:
         zeta0: prior standard deviation [m].
@@ -308,7 +309,11 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
         turn = 1.0 / (robot.vehicle.track_gauge * eta0)
         sizes = adaptation.zeta0 * turn, adaptation.epsilon0 * turn, adaptation.eta0 / eta0 * turn
         return np.array([*np.repeat(sizes, 2), 0.0, 0.0, 0.0])
-    force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
+    vehicle, force = robot.vehicle, TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
+    # In the fastest bend one track stands. The square of that force times a usual eta2 would be 10.
+    width = vehicle.track_gauge * robot.constant_indices.eta0
+    fastest = 0.5 * vehicle.mass * vehicle.max_track_speed**2 / width
+    largest = max(force, min(fastest, vehicle.mass * GRAVITY))
     epsilon_F = coulomb_gains(robot).epsilon_F
     sigmas = np.array(
         [
@@ -318,8 +323,8 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
             adaptation.epsilon0,
             adaptation.epsilon1 / force,
             adaptation.eta0,
-            adaptation.eta1 / force,
-            adaptation.eta2 / force**2,
+            adaptation.eta1 / largest,
+            adaptation.eta2 / largest**2,
             adaptation.epsilon_F * max(epsilon_F, LEAST_CREEP),
         ]
     )

@@ -12,6 +12,7 @@ from icreckon import PoseEstimator, Scenario, Settings, load_robot, pose_nees, r
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.reference.filter import ReferenceFilter
 from icreckon.estimator.reference.imu import accelerometer
+from icreckon.estimator.robot.robot_file import Indices
 from icreckon.estimator.sensors import held_tracks, sensor_models, step_inputs
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.simulation.truth.true_motion import TRUE_SLIP
@@ -139,3 +140,16 @@ def test_a_turn_over_a_second_is_as_uncertain_as_the_gyro_whatever_its_rate(vari
     # 156 turns; their errors share a bias and a scale.
     assert len(scaled) > 150
     assert 0.8 < np.sqrt(np.mean(np.square(scaled))) < 1.25
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_fast_robot_turns_as_its_gyro_reads(seed):
+    """Bends at 0.7 times the weight: a prior of eta2 for slow robots let the tracks decide."""
+    robot = msgspec.structs.replace(load_robot("jackal"), indices=Indices(eta0=1.49))
+    log = simulate(Scenario(duration=40.0, seed=seed, fix_rate=0.0, truth_rate=50.0), robot)
+
+    def largest_error(variant):
+        twists = run(log, robot, variant).trajectory.twists
+        return np.abs(twists[:, 2] - log.truth.twists.twists[:, 2]).max()
+
+    assert largest_error("inertia-online") < 1.2 * largest_error("gyro")
