@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Flags, Indexes, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Indexes, Stamps, true_runs
 from icreckon.estimator.base.lag_search import BLOCKS
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
@@ -13,15 +13,14 @@ from icreckon.estimator.log.series import running_integral
 from icreckon.replay.estimates import imu_mounting
 from icreckon.replay.estimates.imu_mounting import YawRates
 from icreckon.replay.estimates.wheels import jackknifed
-from icreckon.replay.reading.stamps import true_runs
 
 # Time over which the turning by gyro and by truth or tracks is compared, and least in a short log [s].
 WINDOW, LEAST_WINDOW = 5.0, 1.0
 LARGEST_HOLE = 1.0  # windows with a longer gap between samples are left out [s]
 SURE = 3.0  # standard errors beyond which a bias while driving is significant
-UNSEEN_BIAS_SIGMA = 0.1  # standard error of a bias that a log does not show [rad/s]
-FEWEST_STOPS, LEAST_CHANGE = 4, 0.001
-"""Fewest standstills that show a change of the bias, and least change [rad/s]."""
+# Standard error of a bias that a log does not show, and of one by a frozen gyro [rad/s].
+UNSEEN_BIAS_SIGMA, FROZEN = 0.1, 1e-9
+FEWEST_STOPS, LEAST_CHANGE = 4, 0.001  # stops that show a change of the bias, its size [rad/s]
 LEAST_BY_TRACKS = 0.005  # least bias that tracks show [rad/s]: 0.001 for healthy gyros
 
 
@@ -115,7 +114,7 @@ def bias_while_driving(log: Log, yaw_rates: YawRates) -> GyroBias | None:
         return float(bias)
 
     bias, sigma = jackknifed(fitted_bias, len(design))
-    return GyroBias(bias, sigma, source) if sigma < UNSEEN_BIAS_SIGMA else None
+    return GyroBias(bias, sigma, source) if FROZEN < sigma < UNSEEN_BIAS_SIGMA else None
 
 
 def _windows(stamps: Stamps, imu_stamps: Stamps) -> tuple[float, Stamps, Flags]:

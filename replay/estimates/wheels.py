@@ -189,22 +189,13 @@ def _distance_ratio(
     return Estimate(value, float(np.hypot(max(sigma, value * by_noise), value * longer)), source)
 
 
-def standstills(log: Log) -> list[tuple[float, float, bool]]:
-    """Stops of a second or more: start, end [s], and whether gyros turn meanwhile."""
-    turning, found = turning_stops(log), []
-    for stop in imu_mounting.stops(log.tracks):
-        start, end = ((stamp - log.start) * NANOSECOND for stamp in stop)
-        if end - start >= 1.0:
-            found.append((start, end, stop in turning))
-    return found
-
-
-def turning_stops(log: Log) -> list[tuple[int, int]]:
-    """First and last stamp [ns] of each stop of both tracks in which gyros turn."""
-    if (imu := log.imu) is None:
-        return []
-    rates, stops = imu.angular_velocity, imu_mounting.stops(log.tracks)
-    return [stop for stop in stops if imu_mounting.turns_in(stop, imu.stamps, rates)]
+def standstills(log: Log) -> list[tuple[int, int, bool]]:
+    """Ends [ns] of each stop of both tracks, and whether gyros turn in it."""
+    imu, stops = log.imu, imu_mounting.stops(log.tracks)
+    if imu is None:
+        return [(*stop, False) for stop in stops]
+    stamps, rates = imu.stamps, imu.angular_velocity
+    return [(*stop, imu_mounting.turns_in(stop, stamps, rates)) for stop in stops]
 
 
 def turning_suspicion(tracks: TrackSpeedSeries, yaw_rates: YawRates, gauge: float = 1.0) -> str:
