@@ -114,9 +114,8 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, *, is_seen: bool) 
 def _verdict(checks: list[Check], contradictions: int, *, is_seen: bool) -> str:
     """Headline: how many things contradict the log, if it shows (`is_seen`) any value."""
     if contradictions:
-        text = f"{contradictions} things contradict the log, worst first"
-        if contradictions == 1:
-            text = "One thing contradicts the log"
+        many = f"{contradictions} things contradict the log, worst first"
+        text = "One thing contradicts the log" if contradictions == 1 else many
         end = ". Is this the file of another robot?" if robot_check.is_of_another(checks) else ":"
         return f"{text}{end}\n"
     if not is_seen:

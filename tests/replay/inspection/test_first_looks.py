@@ -295,6 +295,19 @@ def test_half_the_counts_and_an_imu_that_stops_are_findings(tmp_path: Path) -> N
         assert said in "\n".join(inspect(tmp_path / "log").findings)
 
 
+def test_a_hole_of_one_stream_shows_no_turning(tmp_path: Path) -> None:
+    """Tracks without samples for 20 s, while the gyro turns: the effective track was 0.58 times."""
+    log = driven_log((0.0, 0.0, 0.0))
+    times = 1e-9 * (log.tracks.stamps - log.start)
+    kept = (times < 50.0) | (times > 70.0)
+    tracks = TrackSpeedSeries(log.tracks.stamps[kept], log.tracks.speeds[kept])
+    widths = []
+    for name, one in (("whole", log), ("holed", replace(log, tracks=tracks))):
+        write_log(one, tmp_path / name, "mcap", load_robot("auriga-alpha"))
+        widths.append(inspect(tmp_path / name).track.whole)
+    assert widths[1] == pytest.approx(widths[0], rel=0.02)
+
+
 def test_a_gap_between_slow_speeds_is_one_stop_with_its_ends() -> None:
     stamps = 10**9 * np.array([0, 1, 2, 3, 33, 34, 35, 36])
     speeds = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0])
