@@ -1,18 +1,20 @@
 """Sensors that fail in a log, or in a part of it, by the log alone."""
 
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps, true_runs
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import TrackSpeedSeries
 
 LEFT, RIGHT = 0, 1
-# Least time of one reading [s], and distance of the other side meanwhile [m].
+# Least time of one reading [s], and distance that the robot or the other side drives meanwhile [m].
 LEAST_TIME, LEAST_DISTANCE = 3.0, 1.0
 # Least difference between the turning of tracks and gyro, or without a gyro least change of the other
-# side, over the speed of the other side.
+# side, over the speed of the other side. With a frozen gyro: least change of the tracks' turning.
 LEAST_SHARE = 0.2
 # Without a gyro: least share of the log, since a robot may turn about a side that it holds.
 SHARE_WITHOUT_GYRO = 0.3
@@ -47,20 +49,17 @@ def stuck_sides(tracks: TrackSpeedSeries, turning: Floats | None) -> list[StuckS
     difference = np.zeros(len(times)) if turning is None else np.abs(right - left - turning)
     found = []
     for side, (own, other) in enumerate(((left, right), (right, left))):
-        ends = np.array([*np.flatnonzero(np.diff(own)) + 1, len(own)])
-        firsts = np.array([0, *ends[:-1]])
-        lasts = times[ends - 1] - times[firsts]
         spans, seconds = [], 0.0
-        for k in np.flatnonzero(lasts > LEAST_TIME):
-            rows = slice(int(firsts[k]), int(ends[k]))
+        for rows in _repeats(own, tracks.stamps):
+            time = times[rows.stop - 1] - times[rows.start]
             speed = float(np.abs(other[rows]).mean())
             # Without a gyro, a steady speed that a coarse encoder repeats is no contradiction.
             change = np.ptp(np.percentile(other[rows], [5, 95]))
             contradiction = change if turning is None else difference[rows].mean()
-            drives = speed * lasts[k] > LEAST_DISTANCE and np.ptp(other[rows]) > 0.0
+            drives = speed * time > LEAST_DISTANCE and np.ptp(other[rows]) > 0.0
             if drives and contradiction > LEAST_SHARE * speed:
                 spans.append(rows)
-                seconds += lasts[k]
+                seconds += time
         if spans and (turning is not None or seconds > SHARE_WITHOUT_GYRO * times[-1]):
             first, name = spans[0].start, ("left", "right")[side]
             text = (
@@ -119,18 +118,44 @@ def unequal_sides(tracks: TrackSpeedSeries, stamps: Stamps, rates: Floats) -> Un
     return None
 
 
-def imu_span(log: Log) -> tuple[int, int, str] | None:
-    """First and last stamp [ns] of an IMU that misses a part of the log, and in words."""
-    if log.imu is None or not len(log.imu.stamps) or not len(log.tracks.stamps):
-        return None
-    first, last = log.imu.stamps[[0, -1]].tolist()
-    begin, end = log.tracks.stamps[[0, -1]].tolist()
-    late = max(0, first - begin)
-    missing = (late + max(0, end - last)) * NANOSECOND
-    if missing <= max(LEAST_WITHOUT_IMU, SHARE_WITHOUT_IMU * log.duration):
-        return None
-    span = f"from {late * NANOSECOND:.0f} to {(last - begin) * NANOSECOND:.0f} s"
-    return first, last, f"samples {span} only, the tracks to {(end - begin) * NANOSECOND:.0f} s"
+def working_imu(log: Log) -> tuple[Log, str]:
+    """Longest part of a log in which the IMU works, and what it does in the others.
+
+    The log and "" if there are no others. The part is without the IMU if that never works.
+    """
+    imu, tracks = log.imu, log.tracks
+    if imu is None or not len(imu.stamps) or not len(tracks.stamps):
+        return log, ""
+    works = np.ones(len(imu.stamps), dtype=bool)
+    for rows in _repeats(imu.angular_velocity, imu.stamps):
+        first, last = imu.stamps[rows][[0, -1]].tolist()
+        meanwhile = slice(*np.searchsorted(tracks.stamps, (first, last)))
+        speed, turning = np.abs(tracks.speeds[meanwhile]), tracks.difference[meanwhile]
+        # A robot that drives steadily, or not at all, may repeat its readings.
+        if speed.size and speed.mean() * (last - first) * NANOSECOND > LEAST_DISTANCE:
+            works[rows] = np.ptp(turning) <= LEAST_SHARE * speed.mean()
+    begin, end = tracks.stamps[[0, -1]]
+    edges, whole = np.array([begin, *imu.stamps[works], end]), (end - begin) * NANOSECOND
+    # A hole in the track speeds, too, is none of the IMU alone.
+    gaps = np.diff(np.searchsorted(tracks.stamps, edges)) * whole / len(tracks.stamps)
+    failures = np.flatnonzero(gaps > max(LEAST_WITHOUT_IMU, SHARE_WITHOUT_IMU * whole))
+    if not len(failures):
+        return log, ""
+    what = "has no samples" if works.all() else "repeats one reading while the tracks turn"
+    since = (edges[failures[0]] - begin) * NANOSECOND
+    text = f"{what}, for {gaps[failures].sum():.0f} of {whole:.0f} s, first at {since:.0f} s"
+    parts = edges[[0, *(failures + 1)]], edges[[*failures, -1]]
+    longest = int(np.argmax(parts[1] - parts[0]))
+    start, stop = (int(ends[longest]) for ends in parts)
+    return log.between(start, stop) if stop > start else replace(log, imu=None), text
+
+
+def _repeats(readings: Floats, stamps: Stamps) -> Iterator[slice]:
+    """Rows in which readings (n,) or (n, k) stay the same for `LEAST_TIME`."""
+    changes = np.diff(readings.reshape(len(stamps), -1), axis=0)
+    for first, last in true_runs(~np.any(changes, axis=1)):
+        if (stamps[last + 1] - stamps[first]) * NANOSECOND > LEAST_TIME:
+            yield slice(first, last + 2)
 
 
 def turning_at(tracks: TrackSpeedSeries, stamps: Stamps, rates: Floats, width: float) -> Floats:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import Flags, Floats, Stamps
+from icreckon.estimator.base.array_types import Flags, Floats, Stamps, true_runs
 from icreckon.estimator.base.frames import paper_to_rep103
 from icreckon.estimator.filter.fault_table import FAULT_COLUMNS
 from icreckon.estimator.filter.health import Health
@@ -132,8 +132,7 @@ class Run:
         spans = {}
         ends = np.append(self.stamps[1:], self.stamps[-1:])
         for name, column in zip(FAULT_COLUMNS, self.faults.T, strict=True):
-            changes = np.diff(column.astype(int), prepend=0, append=0)
-            first, last = np.flatnonzero(changes > 0), np.flatnonzero(changes < 0) - 1
-            if len(first):
+            if column.any():
+                first, last = true_runs(column).T
                 spans[name] = np.column_stack([self.stamps[first], ends[last]])
         return spans

@@ -73,12 +73,12 @@ def command(
 
 
 def _costs(checks: list[Check], worth: Worth | None) -> list[tuple[float, Check]]:
-    """Contradictions with costs [% of distance], costliest first; NaN if unknown."""
+    """Contradictions with costs [% of distance], NaN (unknown) and costliest first."""
     wrong = [check for check in checks if check.problem]
     costs = [*(worth.costs if worth is not None else ())]
     costs += [math.nan] * (len(wrong) - len(costs))  # the filter was not run
     pairs = list(zip(costs, wrong, strict=True))
-    return sorted(pairs, key=lambda pair: math.inf if math.isnan(pair[0]) else -pair[0])
+    return sorted(pairs, key=lambda pair: -math.inf if math.isnan(pair[0]) else -pair[0])
 
 
 def _show(log: Log, checks: list[Check], worth: Worth | None, *, is_seen: bool) -> None:
@@ -114,11 +114,10 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, *, is_seen: bool) 
 def _verdict(checks: list[Check], contradictions: int, *, is_seen: bool) -> str:
     """Headline: how many things contradict the log, if it shows (`is_seen`) any value."""
     if contradictions:
-        text = f"{contradictions} things contradict"
-        if contradictions == 1:
-            text = "One thing contradicts"
+        many = f"{contradictions} things contradict the log, worst first"
+        text = "One thing contradicts the log" if contradictions == 1 else many
         end = ". Is this the file of another robot?" if robot_check.is_of_another(checks) else ":"
-        return f"{text} the log, worst first{end}\n"
+        return f"{text}{end}\n"
     if not is_seen:
         return (
             "Nothing could be checked: that takes track speeds and an IMU of a robot that drives."

@@ -8,7 +8,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import matrix_to_rpy, rpy_to_matrix
-from icreckon.estimator.log.failed_sensors import imu_span
+from icreckon.estimator.log.failed_sensors import working_imu
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import LEAST_UPRIGHT, Robot
 from icreckon.replay.checking.check import (
@@ -41,8 +41,8 @@ SOON = 30.0  # a bias that a standstill shows later than this costs drift until 
 FEWEST_STILL = 20  # fewest pairs of neighbouring samples at standstill that show the noise
 
 
-def check_samples(log: Log, _robot: Robot) -> Iterator[Check]:
-    """Report too few track speeds, or an IMU that misses a part of the log."""
+def check_samples(log: Log, robot: Robot) -> Iterator[Check]:
+    """Report too few track speeds, and an IMU that is missing or fails."""
     count = len(log.tracks.stamps)
     if count < FEWEST_SPEEDS:
         problem = f"the log has {count} track speeds: too few to check anything"
@@ -50,35 +50,25 @@ def check_samples(log: Log, _robot: Robot) -> Iterator[Check]:
         if count:
             remedy = "a log of half a minute or more, with bends"
         yield Check("track speeds", "a log", f"{count} samples", problem, remedy)
-    elif log.imu is not None and len(log.imu.stamps) >= FEWEST_SPEEDS:
-        span = imu_span(log)
-        if span is not None:
-            first, last, text = span
-            problem, remedy = f"the IMU has {text}", "look at its driver and cable, or cut the log"
-            yield Check("IMU's span", "whole log", text).contradicted(
-                problem, remedy, lambda log, robot: (log.between(first, last), robot)
-            )
-
-
-def check_readings(log: Log, robot: Robot) -> Iterator[Check]:
-    """Report an IMU without samples, or with absurd rates."""
-    if log.imu is None:
+    elif log.imu is None:
         source = robot.log.get("imu", {}).get("topic")
         if source is None and "imu" in robot.log.get("columns", {}):
             source = "its columns"
         if source is not None:
-            problem = (
-                f"the log has no IMU sample on {source}: the heading is that of the tracks alone"
-            )
+            problem = f"the log has no IMU sample on {source}: the tracks alone give the heading"
             remedy = "the right topic in [log.imu]; icreckon inspect lists those of the log"
             yield Check("IMU", str(source), "no sample", problem, remedy)
-        return
-    largest = float(np.abs(log.imu.angular_velocity).max())
-    if largest > imu_mounting.ABSURD:
+    elif (largest := np.abs(log.imu.angular_velocity).max(initial=0.0)) > imu_mounting.ABSURD:
         yield Check("gyro", "rad/s", f"up to {largest:.3g} rad/s").contradicted(
             f"the gyro reads {largest:.3g} rad/s",
             'rate_unit in [log.imu] ("deg/s", "mdps"), or its driver',
             lambda log, robot: (replace(log, imu=None), robot),
+        )
+    elif len(log.imu.stamps) >= FEWEST_SPEEDS and (failure := working_imu(log)[1]):
+        yield Check("IMU's span", "whole log", failure).contradicted(
+            f"the IMU {failure}",
+            "look at its driver and cable, or cut the log",
+            lambda log, robot: (working_imu(log)[0], robot),
         )
 
 

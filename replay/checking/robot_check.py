@@ -28,7 +28,6 @@ SLIGHT = 1.2  # factor of the scale up to which the wheels can be the right ones
 # In this order: each needs what those before it have corrected.
 CHECKS = (
     imu_checks.check_samples,
-    imu_checks.check_readings,
     imu_checks.check_gravity,
     imu_checks.check_mounting,
     track_checks.check_sides,

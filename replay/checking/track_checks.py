@@ -88,8 +88,6 @@ SIGN_WINDOW = 0.5  # windows in which signs are compared with those of a truth [
 USUAL_ERROR = 0.05  # largest relative distance from a usual error [-]
 USUAL_ETA, WIDEST_ETA = 3.5, 4.0  # usual eta0, and one that is another unit [-]
 PLAUSIBLE = (3e-4, 3e3)  # scales that are a matter of units at all [-]
-# Fewest samples of a gyro that reads one value, and turning of the tracks that a gyro must show [rad/s].
-FEWEST, CLEARLY_TURNS = 20, 0.05
 
 
 def check_sides(log: Log, robot: Robot) -> Iterator[Check]:
@@ -150,13 +148,6 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     if yaw_rates is None:
         return
     rates, difference = yaw_rates.rates, log.tracks.difference
-    track_rate = float(np.abs(difference).mean()) / effective_track(robot)
-    if len(rates) > FEWEST and np.ptp(rates) == 0.0 and track_rate > CLEARLY_TURNS:
-        in_log = f"reads {rates[0]:.4g} rad/s all the time"
-        problem = "the gyro reads one value all the time, and the tracks turn"
-        remedy = "look at its driver and cable; gyro_axes in [imu] if only one axis is logged"
-        yield Check("gyro", "shows turns", in_log, problem, remedy)
-        return
     correlation = imu_mounting.turning_correlation(log.tracks, yaw_rates)
     in_log = "nothing turns" if correlation is None else f"correlation {correlation:.2f}"
     check = Check("sense of turning", "left is positive", in_log)

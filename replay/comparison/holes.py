@@ -47,7 +47,7 @@ def scored_parts(log: Log) -> list[Interval]:
     return between_holes(scored_intervals(log), holes_of(log))
 
 
-def before_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Interval]:
+def until_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Interval]:
     """Parts of intervals up to the first hole in each."""
     ends = [min([high, *(a for a, b in holes if b > low and a < high)]) for low, high in within]
     return [(low, end) for (low, _), end in zip(within, ends, strict=True) if low < end]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import Results, horizon_labels
 from icreckon.replay.comparison.fixes import OF_FIXES, scored_intervals
-from icreckon.replay.comparison.holes import before_holes, largest_sigma, scored_parts
+from icreckon.replay.comparison.holes import between_holes, largest_sigma, scored_parts, until_holes
 from icreckon.replay.comparison.truth_level import spatial_scores
 
 NOISE_ROUNDS = 4  # draws of the noise of a truth, of which the mean is taken
@@ -36,7 +37,7 @@ NOISE_ROUNDS = 4  # draws of the noise of a truth, of which the mean is taken
 def scores(comparison: Comparison, name: str, holes: Sequence[Interval]) -> Results:
     """Score a run against the truth; intervals of drift are in `drift_table`.
 
-    NEES is computed before the first of the holes in each interval that is scored.
+    RMSE is computed between the holes, NEES before the first one in each interval that is scored.
     """
     run, aligned = comparison.runs[name], comparison.truths[name]
     truth, estimate, log = aligned.truth, run.trajectory, comparison.log
@@ -48,17 +49,18 @@ def scores(comparison: Comparison, name: str, holes: Sequence[Interval]) -> Resu
             results["yaw_drift_deg_per_m"] = segments.yaw_deg_per_m if truth.headings else math.nan
     # Without headings displacements have no axes.
     has_axes = truth.headings or truth.twists is not None
-    errors = velocity_errors(estimate, truth) if has_axes else np.zeros((0, 3))
+    known = between_holes([(log.start, log.end)], holes) if has_axes else []
+    truths = [replace(log, truth=truth).between(*part).truth for part in known]
+    parts = [velocity_errors(estimate, one) for one in truths if one and len(one.poses.stamps) > 1]
+    errors = np.concatenate([np.zeros((0, 3)), *parts])
     rmse = np.sqrt(np.mean(errors**2, axis=0)) if len(errors) else np.full(3, np.nan)
-    for component, value in zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), rmse.tolist(), strict=True):
-        results[f"rmse_{component}"] = value
-    within = before_holes(scored_intervals(log), holes)
+    results |= zip(("rmse_v_x_m_s", "rmse_v_y_m_s", "rmse_w_rad_s"), rmse.tolist(), strict=True)
+    within = until_holes(scored_intervals(log), holes)
     nees = pose_nees(estimate, truth.poses, within=within, position_only=not truth.headings)
-    results["nees_pose_mean"] = math.nan
     # The filter's covariance does not include the errors of fixes that serve as truth.
     has_nees = len(nees) > 0 and truth.source != OF_FIXES
     nees_key = "nees_pose_mean" if truth.headings else "nees_position_mean"
-    results[nees_key] = float(nees.mean()) if has_nees else math.nan
+    results |= {"nees_pose_mean": math.nan, nees_key: nees.mean().item() if has_nees else math.nan}
     results["nees_poses"] = len(nees) if has_nees else 0
     end = np.array([min(truth.poses.stamps[-1], estimate.stamps[-1])])
     estimated, true = (interpolate_poses(of, end)[0] for of in (estimate.pose_series, truth.poses))

@@ -4,24 +4,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Flags, Indexes, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Indexes, true_runs
 from icreckon.estimator.base.lag_search import BLOCKS
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
-from icreckon.estimator.log.scores import are_within, even_grid, pieces
 from icreckon.estimator.log.series import running_integral
 from icreckon.replay.estimates import imu_mounting
 from icreckon.replay.estimates.imu_mounting import YawRates
-from icreckon.replay.estimates.wheels import jackknifed
-from icreckon.replay.reading.stamps import true_runs
+from icreckon.replay.estimates.wheels import jackknifed, windows
 
 # Time over which the turning by gyro and by truth or tracks is compared, and least in a short log [s].
 WINDOW, LEAST_WINDOW = 5.0, 1.0
-LARGEST_HOLE = 1.0  # windows with a longer gap between samples are left out [s]
 SURE = 3.0  # standard errors beyond which a bias while driving is significant
-UNSEEN_BIAS_SIGMA = 0.1  # standard error of a bias that a log does not show [rad/s]
-FEWEST_STOPS, LEAST_CHANGE = 4, 0.001
-"""Fewest standstills that show a change of the bias, and least change [rad/s]."""
+# Standard error of a bias that a log does not show, and of one by a frozen gyro [rad/s].
+UNSEEN_BIAS_SIGMA, FROZEN = 0.1, 1e-9
+FEWEST_STOPS, LEAST_CHANGE = 4, 0.001  # stops that show a change of the bias, its size [rad/s]
 LEAST_BY_TRACKS = 0.005  # least bias that tracks show [rad/s]: 0.001 for healthy gyros
 
 
@@ -98,7 +95,9 @@ def bias_while_driving(log: Log, yaw_rates: YawRates) -> GyroBias | None:
         left, right = tracks.speeds.T
         # The sum counts, too: unequal radii turn the robot by a share of the distance.
         references = [running_integral(stamps, speeds) for speeds in (right - left, right + left)]
-    window, edges, is_whole = _windows(stamps, yaw_rates.stamps)
+    both = min(stamps[-1], yaw_rates.stamps[-1]) - max(stamps[0], yaw_rates.stamps[0])
+    window = min(WINDOW, max(LEAST_WINDOW, float(both) * NANOSECOND / (2 * BLOCKS + 1)))
+    edges, is_whole = windows(window, stamps, yaw_rates.stamps)
     if is_whole.sum() < 2 * BLOCKS:
         return None
     turned = np.interp(edges, yaw_rates.stamps, running_integral(*yaw_rates))
@@ -115,16 +114,4 @@ def bias_while_driving(log: Log, yaw_rates: YawRates) -> GyroBias | None:
         return float(bias)
 
     bias, sigma = jackknifed(fitted_bias, len(design))
-    return GyroBias(bias, sigma, source) if sigma < UNSEEN_BIAS_SIGMA else None
-
-
-def _windows(stamps: Stamps, imu_stamps: Stamps) -> tuple[float, Stamps, Flags]:
-    """Length [s] and edges (w + 1,) [ns] of windows; mask (w,) of those without hole."""
-    begin, end = max(stamps[0], imu_stamps[0]), min(stamps[-1], imu_stamps[-1])
-    window = (end - begin) * NANOSECOND / (2 * BLOCKS + 1)
-    step = round(min(WINDOW, max(LEAST_WINDOW, window)) / NANOSECOND)
-    edges = even_grid(begin, end, step, stamps)
-    is_whole = np.diff(edges) == step
-    for times in (stamps, imu_stamps):
-        is_whole &= are_within(pieces(times, LARGEST_HOLE), times, edges[:-1], edges[1:])
-    return step * NANOSECOND, edges, is_whole
+    return GyroBias(bias, sigma, source) if FROZEN < sigma < UNSEEN_BIAS_SIGMA else None

@@ -10,11 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Stamps, true_runs
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.replay.reading.stamps import true_runs
 
 STILL_SPEED = 0.005  # track speeds below this share of the fastest, spikes aside, count as zero [-]
 SLOW_AT_GAP, LEAST_GAP = 0.1, 2.0  # highest share of the speed around a gap [s] that is a stop

@@ -15,7 +15,7 @@ from icreckon.estimator.log.failed_sensors import stuck_sides
 from icreckon.estimator.log.lag import turned
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
-from icreckon.estimator.log.scores import even_grid, interpolate_poses
+from icreckon.estimator.log.scores import are_within, even_grid, interpolate_poses, pieces
 from icreckon.estimator.log.series import (
     FixSeries,
     ImuSeries,
@@ -42,6 +42,7 @@ LARGEST_TURNING = 1.0  # largest turning within a window at which its path is as
 WINDOWS = {"truth": 2.0, "fixes": 10.0}  # time over which distances are compared [s], by source
 FEWEST_WINDOWS = 5
 MEDIAN_ERROR = 1.25  # standard error of a median of normal errors over that of their mean [-]
+LARGEST_HOLE = 1.0  # windows with a longer gap between samples are left out [s]
 TURN_WINDOW = 2.0  # time over which turning by tracks and gyro is compared [s]
 FEWEST_TURNS = 20  # such windows from which on the effective track has a standard error
 WHEEL_RADII = (0.01, 0.5)  # plausible wheel radii [m]
@@ -115,13 +116,11 @@ def wheel_estimates(
 def _turning_ratio(tracks: TrackSpeedSeries, yaw_rates: YawRates) -> Estimate | None:
     """Ratio of V_r - V_l to the yaw rate by linear regression; None if too short."""
     # The regression is of the tracks on the gyro, whose noise hardly counts over a window.
-    imu = yaw_rates.stamps
-    first, last = max(imu[0], tracks.stamps[0]), min(imu[-1], tracks.stamps[-1])
-    edges = even_grid(first, last, round(TURN_WINDOW / NANOSECOND), tracks.stamps)
-    if len(edges) < FEWEST_WINDOWS + 1:
+    edges, is_whole = windows(TURN_WINDOW, tracks.stamps, yaw_rates.stamps)
+    if is_whole.sum() < FEWEST_WINDOWS:
         return None
     curves = turned(*yaw_rates), turned(tracks.stamps, tracks.difference)
-    turns, differences = (np.diff(np.interp(edges, c.stamps, c.values)) for c in curves)
+    turns, differences = (np.diff(np.interp(edges, c.stamps, c.values))[is_whole] for c in curves)
 
     def ratio(rows: Indexes) -> float:
         covariance = np.cov(turns[rows], differences[rows])
@@ -132,6 +131,17 @@ def _turning_ratio(tracks: TrackSpeedSeries, yaw_rates: YawRates) -> Estimate | 
     with np.errstate(divide="ignore", invalid="ignore"):
         value, sigma = jackknifed(ratio, len(turns))
     return Estimate(value, sigma if np.isfinite(sigma) else None, "gyro")
+
+
+def windows(length: float, *streams: Stamps) -> tuple[Stamps, Flags]:
+    """Edges (w + 1,) [ns] of windows of a length [s], and mask (w,) of those without hole."""
+    step = round(length / NANOSECOND)
+    first, last = max(one[0] for one in streams), min(one[-1] for one in streams)
+    edges = even_grid(first, last, step, streams[0])
+    is_whole: Flags = np.diff(edges) == step
+    for one in streams:
+        is_whole &= are_within(pieces(one, LARGEST_HOLE), one, edges[:-1], edges[1:])
+    return edges, is_whole
 
 
 def jackknifed(estimate: Callable[[Indexes], float], count: int) -> tuple[float, float]:
@@ -155,10 +165,7 @@ def _distance_ratio(
     `noise` is the standard deviation of each coordinate of the places [m].
     """
     window, stamps = WINDOWS[source], places.stamps
-    start, end = max(stamps[0], log.start), min(stamps[-1], log.end)
-    edges = even_grid(start, end, round(window / NANOSECOND), stamps)
-    if len(edges) < FEWEST_WINDOWS + 1:
-        return None
+    edges, is_whole = windows(window, log.tracks.stamps, yaw_rates.stamps)
 
     def changes(of_stamps: Stamps, values: Floats) -> Floats:
         """Changes (w,) over the windows."""
@@ -174,7 +181,7 @@ def _distance_ratio(
     track_chords = np.abs(distance) * np.sinc(yaw / (2.0 * np.pi))
     has_positions = np.diff(np.searchsorted(stamps, edges)) >= 2
     drives = track_chords > 0.3 * np.abs(speed).max() * window
-    counts = (turning < most_turning) & drives & has_positions
+    counts = (turning < most_turning) & drives & has_positions & is_whole
     if counts.sum() < FEWEST_WINDOWS:
         return None
     ratios = chords[counts] / track_chords[counts]
@@ -189,22 +196,13 @@ def _distance_ratio(
     return Estimate(value, float(np.hypot(max(sigma, value * by_noise), value * longer)), source)
 
 
-def standstills(log: Log) -> list[tuple[float, float, bool]]:
-    """Stops of a second or more: start, end [s], and whether gyros turn meanwhile."""
-    turning, found = turning_stops(log), []
-    for stop in imu_mounting.stops(log.tracks):
-        start, end = ((stamp - log.start) * NANOSECOND for stamp in stop)
-        if end - start >= 1.0:
-            found.append((start, end, stop in turning))
-    return found
-
-
-def turning_stops(log: Log) -> list[tuple[int, int]]:
-    """First and last stamp [ns] of each stop of both tracks in which gyros turn."""
-    if (imu := log.imu) is None:
-        return []
-    rates, stops = imu.angular_velocity, imu_mounting.stops(log.tracks)
-    return [stop for stop in stops if imu_mounting.turns_in(stop, imu.stamps, rates)]
+def standstills(log: Log) -> list[tuple[int, int, bool]]:
+    """Ends [ns] of each stop of both tracks, and whether gyros turn in it."""
+    imu, stops = log.imu, imu_mounting.stops(log.tracks)
+    if imu is None:
+        return [(*stop, False) for stop in stops]
+    stamps, rates = imu.stamps, imu.angular_velocity
+    return [(*stop, imu_mounting.turns_in(stop, stamps, rates)) for stop in stops]
 
 
 def turning_suspicion(tracks: TrackSpeedSeries, yaw_rates: YawRates, gauge: float = 1.0) -> str:

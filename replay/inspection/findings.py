@@ -4,7 +4,8 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from icreckon.estimator.log.failed_sensors import imu_span, unequal_sides
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.log.failed_sensors import unequal_sides, working_imu
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
@@ -122,16 +123,17 @@ def _failed_sensors(estimates: LogEstimates, log: Log) -> Iterator[str]:
         unequal = unequal_sides(log.tracks, *yaw_rates)
         if unequal is not None:
             yield f"tracks: {unequal.text}: look at counts, gears and radius of both sides"
-    span = imu_span(log)
-    if span is not None:
-        yield f"imu: {span[2]}: look at its driver and cable"
+    if failure := working_imu(log)[1]:
+        yield f"the IMU {failure}: look at its driver and cable"
 
 
 def _standstill_findings(estimates: LogEstimates, log: Log) -> Iterator[str]:
     """Findings on standstills, and on the bias of the gyro at them."""
     mounting = estimates.mounting
     if len(log.tracks.stamps):
-        named = [(f"{a:.0f} to {b:.0f} s", b - a, turns) for a, b, turns in wheels.standstills(log)]
+        found = wheels.standstills(log)
+        ends = [(*((at - log.start) * NANOSECOND for at in stop), turns) for *stop, turns in found]
+        named = [(f"{a:.0f} to {b:.0f} s", b - a, turns) for a, b, turns in ends if b - a >= 1.0]
         stops = [(name, length) for name, length, turns in named if not turns]
         total = sum(length for _, length in stops)
         spans = ", ".join(name for name, _ in stops[:MOST_STOPS])

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from msgspec import to_builtins
 
-from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.array_types import NANOSECOND, true_runs
 from icreckon.estimator.base.config import convert
-from icreckon.estimator.log.failed_sensors import StuckSide, stuck_sides, turning_at
+from icreckon.estimator.log.failed_sensors import StuckSide, stuck_sides, turning_at, working_imu
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
@@ -27,7 +27,7 @@ from icreckon.replay.estimates.track_by_rate import TrackByRate, track_by_rate, 
 from icreckon.replay.estimates.wheels import (
     NO_WHEELS,
     WheelEstimates,
-    turning_stops,
+    standstills,
     units_and_sides,
     wheel_estimates,
 )
@@ -35,7 +35,6 @@ from icreckon.replay.inspection.static_frames import Mount, with_static_yaw
 from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
 from icreckon.replay.reading.gather import Gathered, gather
-from icreckon.replay.reading.stamps import true_runs
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
 UNUSED = ("latency", "gauge")  # keys that an inspection ignores and estimates
@@ -187,6 +186,7 @@ class _Reading:
 
 def _measured(estimates: LogEstimates, log: Log) -> LogEstimates:
     """Add estimates of the robot and its sensors by a log that could be read."""
+    log, _ = working_imu(log)
     mounting, yaw_rates = _mounting_and_yaw_rates(log, estimates.imu_mount)
     latencies = _latencies(log, yaw_rates)
     aligned = _without_latencies(log, latencies)
@@ -232,8 +232,13 @@ def _measured(estimates: LogEstimates, log: Log) -> LogEstimates:
 def longest_without(log: Log, stuck: Sequence[StuckSide]) -> Log:
     """Longest part without a stuck side, and without rest while gyros turn."""
     is_sound = np.ones(len(log.tracks.stamps), dtype=bool)
-    turning = [slice(*np.searchsorted(log.tracks.stamps, stop)) for stop in turning_stops(log)]
-    for rows in (*turning, *(rows for side in stuck for rows in side.spans)):
+    at_rest = [
+        np.searchsorted(log.tracks.stamps, stop) for *stop, turns in standstills(log) if turns
+    ]
+    for rows in (
+        *(slice(*stop) for stop in at_rest),
+        *(rows for side in stuck for rows in side.spans),
+    ):
         is_sound[rows] = False
     runs = log.tracks.stamps[true_runs(is_sound)]
     if is_sound.all() or not len(runs):

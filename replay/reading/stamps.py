@@ -9,7 +9,7 @@ from itertools import pairwise, product
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Stamps, true_runs
 from icreckon.estimator.log.log import screen
 
 LATE = 1.0  # stamps out of order by up to this are sorted; others are dropped and counted [s]
@@ -100,12 +100,6 @@ def doubled_times(stamps: Stamps) -> list[tuple[int, int]]:
     runs = [(first, last + 1) for first, last in true_runs(many)]
     runs = [(begin, end) for begin, end in runs if end - begin >= FEWEST_WINDOWS]
     return [(int(edges[begin]), int(edges[end])) for begin, end in runs]
-
-
-def true_runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """First and last rows (k, 2) of the runs of a mask (n,) in which it is set."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))).reshape(-1, 2)
-    return ends - (0, 1)
 
 
 def largest_part(stamps: Stamps) -> tuple[int, int]:

@@ -51,7 +51,11 @@ def holes_text(results: Results) -> str:
     several = f" in {len(holes)} holes, the longest of {longest} s" if len(holes) > 1 else ""
     moved = results["log"]["moved_in_holes_m"] or 0.0
     several += f", in which the truth moves {number(moved)} m" if moved > LEAST_END_ERROR else ""
-    scores = "; drift is scored between holes, NEES up to the first" if results["truth"] else ""
+    scores = (
+        "; drift and RMSE are scored between holes, NEES up to the first"
+        if results["truth"]
+        else ""
+    )
     return f"The log has no track speeds or IMU samples for {whole} s{several}{scores}."
 
 

@@ -2,13 +2,17 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from command_line import fails, icreckon, results_in, succeeds
 from conftest import simulated
+from icreckon import Scenario, simulate, write_log
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, changed_robot, load_robot
+
+ALPHA = load_robot("auriga-alpha")
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +74,17 @@ def test_a_file_that_maps_no_imu_is_not_called_right(folder: Path) -> None:
     assert "Nothing could be checked: that takes track speeds and an IMU of" in done.stdout
     assert "Nothing in the log contradicts" not in done.stdout
     assert "[log.imu]" in done.stdout
+
+
+def test_what_nothing_corrects_comes_first(folder: Path) -> None:
+    log, other = (simulate(Scenario(duration=70.0, seed=seed), ALPHA) for seed in (2, 3))
+    apart = replace(log, imu=replace(other.imu, linear_acceleration=log.imu.linear_acceleration))
+    write_log(apart, folder / "apart", "mcap", ALPHA)
+    done = icreckon("check", "apart", "--robot", "wrong.toml", cwd=folder)
+    assert "3 things contradict the log, worst first:" in done.stdout
+    first, second = re.findall(r"(?m)^[12]\. (.*)", done.stdout)
+    assert first == "The gyro and the tracks turn, but not together."
+    assert "Costs inertia-online" in second
 
 
 def test_shipped_robots_are_listed(folder: Path):

@@ -22,7 +22,7 @@ from icreckon import (
 )
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rotate, rpy_to_matrix
-from icreckon.estimator.log.failed_sensors import stuck_sides
+from icreckon.estimator.log.failed_sensors import stuck_sides, working_imu
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
@@ -392,6 +392,18 @@ def test_an_imu_that_stops_is_named_alone(log: Log):
     assert len(worth_of(both, ALPHA, checks).costs) == 2
 
 
+def test_a_frozen_gyro_is_named_alone_and_estimates_use_the_rest(log: Log):
+    rates, times = log.imu.angular_velocity.copy(), (log.imu.stamps - log.start) * 1e-9
+    rows = (times > 0.6 * log.duration) & (times < 0.8 * log.duration)
+    rates[rows] = rates[rows][0] + 0.5
+    frozen = replace(log, imu=replace(log.imu, angular_velocity=rates))
+    assert list(problems(frozen, ALPHA)) == ["IMU's span"]
+    assert working_imu(frozen)[0].duration == pytest.approx(0.6 * log.duration, abs=0.1)
+    # A robot may drive straight on with repeated readings.
+    resting = speeds(frozen, lambda v: np.full_like(v, 0.4))
+    assert working_imu(resting) == (resting, "")
+
+
 @pytest.mark.parametrize(
     ("trajectory", "imu", "rates"),
     [
@@ -517,7 +529,7 @@ def test_a_truth_that_stays_is_named_and_not_mended(log: Log):
 
 def test_sensors_that_show_nothing_are_named(log: Log):
     still = scaled_imu(log, rates=0.0)
-    assert "reads one value all the time, and the tracks turn" in problems(still, ALPHA)["gyro"]
+    assert "repeats one reading" in problems(still, ALPHA)["IMU's span"]
     absurd = scaled_imu(log, rates=1e300)
     assert problems(absurd, ALPHA).keys() == {"gyro"}
     first = TrackSpeedSeries(log.tracks.stamps[:1], log.tracks.speeds[:1])

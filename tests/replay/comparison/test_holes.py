@@ -8,7 +8,7 @@ import pytest
 
 from conftest import holed
 from icreckon import Log, Scenario, compare, load_robot, simulate, summarise
-from icreckon.replay.comparison.holes import before_holes, between_holes, holes_of, largest_sigma
+from icreckon.replay.comparison.holes import between_holes, holes_of, largest_sigma, until_holes
 from icreckon.report.replay.page_text import headline
 
 ROBOT = load_robot("auriga-alpha")
@@ -26,10 +26,10 @@ def test_holes_of_two_streams_are_one(log: Log) -> None:
     ((begin, end),) = holes_of(log)
     assert (begin - log.start) / SECOND == pytest.approx(40.0, abs=0.1)
     assert (end - log.start) / SECOND == pytest.approx(75.0, abs=0.1)
-    assert before_holes([(log.start, log.end)], holes_of(log)) == [(log.start, begin)]
+    assert until_holes([(log.start, log.end)], holes_of(log)) == [(log.start, begin)]
     # An outage that begins in a hole has no part before it; one behind it is whole.
     outages = [(begin + SECOND, end + SECOND), (end + 2 * SECOND, log.end)]
-    assert before_holes(outages, holes_of(log)) == outages[1:]
+    assert until_holes(outages, holes_of(log)) == outages[1:]
 
 
 def test_no_segment_of_the_drift_is_across_a_hole(log: Log) -> None:
@@ -63,9 +63,10 @@ def test_after_a_hole_sigmas_are_those_of_the_fastest_drive_and_the_verdict_name
     moved = results["log"]["moved_in_holes_m"]
     assert moved == pytest.approx(float(np.hypot(*(ends[1] - ends[0]))), abs=0.2)
     assert re.search(
-        r"IMU samples for 35.0 s, in which the truth moves \S+ m; drift is scored between holes",
+        r"IMU samples for 35.0 s, in which the truth moves \S+ m; drift and RMSE are scored between",
         headline(results),
     )
+    assert all(one["rmse_v_x_m_s"] < 0.1 for one in results["variants"].values())
     whole = [one.trajectory.stamps < begin for one in found.runs.values()]
     counted = [one["nees_poses"] for one in results["variants"].values()]
     assert all(count <= one.sum() + 1 for count, one in zip(counted, whole, strict=True))

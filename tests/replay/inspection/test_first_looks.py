@@ -153,6 +153,13 @@ def test_a_side_that_is_stuck_for_a_while_does_not_change_the_effective_track(
     assert found[1] == pytest.approx(found[0], rel=0.02)
 
 
+def long_stops(log: Log) -> list[tuple[float, float, bool]]:
+    """Stops of a second or more: start, end [s], and whether gyros turn meanwhile."""
+    stops = wheels.standstills(log)
+    in_seconds = ((1e-9 * (a - log.start), 1e-9 * (b - log.start), turns) for a, b, turns in stops)
+    return [stop for stop in in_seconds if stop[1] - stop[0] >= 1.0]
+
+
 def test_gaps_of_a_driver_that_sends_nothing_at_rest_are_standstills() -> None:
     options = {"drive": 6.0, "rest": 10.0}
     scenario = Scenario(duration=50.0, seed=3, trajectory="stop-and-go", trajectory_options=options)
@@ -160,7 +167,7 @@ def test_gaps_of_a_driver_that_sends_nothing_at_rest_are_standstills() -> None:
     speed = np.abs(log.tracks.speeds).max(axis=1)
     sends = speed > 0.02 * speed.max()
     tracks = TrackSpeedSeries(log.tracks.stamps[sends], log.tracks.speeds[sends])
-    found, silent = (wheels.standstills(one) for one in (log, replace(log, tracks=tracks)))
+    found, silent = (long_stops(one) for one in (log, replace(log, tracks=tracks)))
     # Before the first and after the last track speeds, nothing shows a rest.
     assert [stop[:2] for stop in silent] == [
         pytest.approx(stop[:2], abs=0.5) for stop in found[1:3]
@@ -279,17 +286,33 @@ def test_half_the_counts_and_an_imu_that_stops_are_findings(tmp_path: Path) -> N
     half = replace(log.tracks, speeds=log.tracks.speeds * [1.0, 0.5])
     for broken, said in (
         (replace(log, tracks=half), "the right side reads 0.50 times what the other one reads"),
-        (replace(log, imu=log.part(0.0, 60.0).imu), "imu: samples from 0 to 60 s only"),
+        (
+            replace(log, imu=log.part(0.0, 60.0).imu),
+            "the IMU has no samples, for 60 of 120 s, first at",
+        ),
     ):
         write_log(broken, tmp_path / "log", "mcap", load_robot("auriga-alpha"), overwrite=True)
         assert said in "\n".join(inspect(tmp_path / "log").findings)
+
+
+def test_a_hole_of_one_stream_shows_no_turning(tmp_path: Path) -> None:
+    """Tracks without samples for 20 s, while the gyro turns: the effective track was 0.58 times."""
+    log = driven_log((0.0, 0.0, 0.0))
+    times = 1e-9 * (log.tracks.stamps - log.start)
+    kept = (times < 50.0) | (times > 70.0)
+    tracks = TrackSpeedSeries(log.tracks.stamps[kept], log.tracks.speeds[kept])
+    widths = []
+    for name, one in (("whole", log), ("holed", replace(log, tracks=tracks))):
+        write_log(one, tmp_path / name, "mcap", load_robot("auriga-alpha"))
+        widths.append(inspect(tmp_path / name).track.whole)
+    assert widths[1] == pytest.approx(widths[0], rel=0.02)
 
 
 def test_a_gap_between_slow_speeds_is_one_stop_with_its_ends() -> None:
     stamps = 10**9 * np.array([0, 1, 2, 3, 33, 34, 35, 36])
     speeds = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0])
     log = Log("paused", TrackSpeedSeries(stamps, np.column_stack([speeds, speeds])))
-    assert wheels.standstills(log) == [(2.0, 34.0, False)]
+    assert wheels.standstills(log) == [(2 * 10**9, 34 * 10**9, False)]
 
 
 def test_track_speeds_of_zero_while_the_robot_turns_are_no_standstill(tmp_path: Path) -> None:
@@ -300,8 +323,8 @@ def test_track_speeds_of_zero_while_the_robot_turns_are_no_standstill(tmp_path: 
     times = (log.tracks.stamps - log.start) * 1e-9
     speeds[(times > 30.0) & (times < 50.0)] = 0.0
     broken = replace(log, tracks=replace(log.tracks, speeds=speeds))
-    found = wheels.standstills(broken)
-    assert [stop for stop in found if not stop[2]] == wheels.standstills(log)
+    found = long_stops(broken)
+    assert [stop for stop in found if not stop[2]] == long_stops(log)
     assert [stop[:2] for stop in found if stop[2]] == [pytest.approx((30.0, 50.0), abs=0.1)]
     write_log(broken, tmp_path / "log", "mcap", load_robot("auriga-alpha"))
     sound_bag = write_log(log, tmp_path / "sound", "mcap", load_robot("auriga-alpha"))
