@@ -420,7 +420,7 @@ def _scale_by_force(tracks: TrackSpeedSeries, imu: ImuSeries, robot: Robot) -> E
     """Scale of the track speeds, by the acceleration of the IMU [-]; None if unclear."""
     # Accelerations are means over successive intervals of `imu_mounting.SMOOTHING`.
     stamps, force = imu.stamps, force_in_base(imu, robot)
-    if force is None:
+    if force is None or len(stamps) < 20 * BLOCKS:
         return None
     step = float(np.median(np.diff(stamps))) * NANOSECOND
     width = max(1, round(imu_mounting.SMOOTHING / step))

@@ -11,7 +11,8 @@ from icreckon.estimator.log.scores import Interval, interpolate_poses
 from icreckon.estimator.log.series import Truth
 from icreckon.replay.comparison.fixes import scored_intervals
 
-HOLE = 1.0  # shortest gap without track speeds or IMU samples that is a hole [s]
+# Shortest gap without track speeds or IMU samples that is a hole, and at the ends of a log [s].
+HOLE, HOLE_AT_END = 1.0, 5.0
 LONGEST_BRIDGE = 1.0  # longest bridged interval of the truth, or twice the usual one [s]
 
 
@@ -19,15 +20,12 @@ def holes_of(log: Log) -> list[Interval]:
     """Intervals [ns] without track speeds or without IMU samples, merged."""
     gaps: list[Interval] = []
     for stamps in (log.tracks.stamps, *([] if log.imu is None else [log.imu.stamps])):
-        before = np.flatnonzero(np.diff(stamps) * NANOSECOND > HOLE)
-        gaps += zip(stamps[before].tolist(), stamps[before + 1].tolist(), strict=True)
-    merged: list[Interval] = []
-    for begin, end in sorted(gaps):
-        if merged and begin <= merged[-1][1]:
-            last_begin, last_end = merged.pop()
-            begin, end = last_begin, max(end, last_end)
-        merged.append((begin, end))
-    return merged
+        edges = np.array([log.start, *stamps, log.end])
+        least = np.array([HOLE_AT_END, *np.full(len(edges) - 3, HOLE), HOLE_AT_END])
+        before = np.flatnonzero(np.diff(edges) * NANOSECOND > least)
+        gaps += zip(edges[before].tolist(), edges[before + 1].tolist(), strict=True)
+    whole = [(log.start, log.end)]
+    return between_holes(whole, between_holes(whole, gaps))
 
 
 def between_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Interval]:
@@ -43,8 +41,11 @@ def between_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Int
 
 
 def scored_parts(log: Log) -> list[Interval]:
-    """Intervals of scored drift, less the holes of the log."""
-    return between_holes(scored_intervals(log), holes_of(log))
+    """Intervals of scored drift, less the holes of the log and what the truth does not cover."""
+    parts = between_holes(scored_intervals(log), holes_of(log))
+    if log.truth is not None and len(known := log.truth.poses.stamps):
+        parts = [(max(low, int(known[0])), min(high, int(known[-1]))) for low, high in parts]
+    return [(low, high) for low, high in parts if low < high]
 
 
 def until_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Interval]:
