@@ -92,8 +92,7 @@ PLAUSIBLE = (3e-4, 3e3)  # scales that are a matter of units at all [-]
 
 def check_sides(log: Log, robot: Robot) -> Iterator[Check]:
     """Sides that repeat one reading while the other one drives."""
-    stuck, _ = _stuck_sides(log, robot)
-    if stuck:
+    if stuck := _stuck_sides(log, robot)[0]:
         text = "; ".join(side.text for side in stuck)
         remedy = "look at its sensor and cable; corrected here by the other side and the gyro"
         yield Check(SIDES, "both change", text, text, remedy, _without_stuck_sides)
@@ -120,8 +119,7 @@ def _without_stuck_sides(log: Log, robot: Robot) -> tuple[Log, Robot]:
 
 def check_ratio(log: Log, robot: Robot) -> Iterator[Check]:
     """Ratio of the sides where the robot drives straight on by the gyro."""
-    unequal = _unequal_sides(log, robot)
-    if unequal is not None:
+    if (unequal := _unequal_sides(log, robot)) is not None:
         sides = "right over left" if unequal.side == RIGHT else "left over right"
         in_log = f"{unequal.ratio:.2f}, {sides}"
         remedy = "look at counts, gears, radius and wheels of both sides: one of them is wrong"

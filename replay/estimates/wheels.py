@@ -45,6 +45,7 @@ MEDIAN_ERROR = 1.25  # standard error of a median of normal errors over that of 
 LARGEST_HOLE = 1.0  # windows with a longer gap between samples are left out [s]
 TURN_WINDOW = 2.0  # time over which turning by tracks and gyro is compared [s]
 FEWEST_TURNS = 20  # such windows from which on the effective track has a standard error
+MOST_UNCERTAIN = 0.2  # least standard error of one that is not shown, over its value [-]
 WHEEL_RADII = (0.01, 0.5)  # plausible wheel radii [m]
 WIDEST, WIDEST_IN_RADII = 3.0, 12.0  # largest effective track [m], and over the wheel radius [-]
 MOST_RADII = 30.0  # effective track over wheel radius from which speeds are in rpm, not rad/s [-]
@@ -130,14 +131,15 @@ def _turning_ratio(tracks: TrackSpeedSeries, yaw_rates: YawRates) -> Estimate | 
         return Estimate(ratio(np.arange(len(turns))), None, "gyro")
     with np.errstate(divide="ignore", invalid="ignore"):
         value, sigma = jackknifed(ratio, len(turns))
-    return Estimate(value, sigma if np.isfinite(sigma) else None, "gyro")
+    if not np.isfinite(sigma):
+        return Estimate(value, None, "gyro")
+    return Estimate(value, sigma, "gyro") if sigma < MOST_UNCERTAIN * abs(value) else None
 
 
 def windows(length: float, *streams: Stamps) -> tuple[Stamps, Flags]:
     """Edges (w + 1,) [ns] of windows of a length [s], and mask (w,) of those without hole."""
-    step = round(length / NANOSECOND)
-    first, last = max(one[0] for one in streams), min(one[-1] for one in streams)
-    edges = even_grid(first, last, step, streams[0])
+    firsts, lasts = zip(*(one[[0, -1]] for one in streams), strict=True)
+    edges = even_grid(max(firsts), min(lasts), step := round(length / NANOSECOND), streams[0])
     is_whole: Flags = np.diff(edges) == step
     for one in streams:
         is_whole &= are_within(pieces(one, LARGEST_HOLE), one, edges[:-1], edges[1:])

@@ -118,11 +118,10 @@ def _track_finding(track: Estimate, mapping: TopicMap) -> str:
 def _failed_sensors(estimates: LogEstimates, log: Log) -> Iterator[str]:
     """Findings on sensors that fail in the log or a part of it."""
     yield from (f"tracks: {stuck.text}" for stuck in estimates.stuck)
-    yaw_rates, is_usable = estimates.yaw_rates, imu_mounting.are_usable(log.tracks)
-    if yaw_rates and is_usable and not estimates.mapping.from_twist:
-        unequal = unequal_sides(log.tracks, *yaw_rates)
-        if unequal is not None:
-            yield f"tracks: {unequal.text}: look at counts, gears and radius of both sides"
+    has_sides = imu_mounting.are_usable(log.tracks) and not estimates.mapping.from_twist
+    rates = estimates.yaw_rates if has_sides else None
+    if rates and (unequal := unequal_sides(log.tracks, *rates)):
+        yield f"tracks: {unequal.text}: look at counts, gears and radius of both sides"
     if failure := working_imu(log)[1]:
         yield f"the IMU {failure}: look at its driver and cable"
 

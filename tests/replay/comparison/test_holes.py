@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -70,3 +71,13 @@ def test_after_a_hole_sigmas_are_those_of_the_fastest_drive_and_the_verdict_name
     whole = [one.trajectory.stamps < begin for one in found.runs.values()]
     counted = [one["nees_poses"] for one in results["variants"].values()]
     assert all(count <= one.sum() + 1 for count, one in zip(counted, whole, strict=True))
+
+
+def test_a_stream_that_ends_early_is_a_hole_and_a_truth_that_does_not_is_not_scored() -> None:
+    whole = simulate(Scenario(duration=80.0, seed=2, fix_rate=0.0), ROBOT)
+    half = whole.part(0.0, 40.0)
+    for broken in (replace(whole, tracks=half.tracks), replace(whole, truth=half.truth)):
+        results = summarise(compare(broken, ROBOT, "gyro"), ROBOT, series=False)
+        assert results["truth"]["scored_s"] == [pytest.approx([0.0, 40.0], abs=0.1)]
+        named = "The log has no track speeds or IMU samples for 40.0 s" in headline(results)
+        assert named == (broken.truth is whole.truth)

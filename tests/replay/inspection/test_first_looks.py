@@ -308,6 +308,11 @@ def test_a_hole_of_one_stream_shows_no_turning(tmp_path: Path) -> None:
     assert widths[1] == pytest.approx(widths[0], rel=0.02)
 
 
+def test_an_effective_track_that_is_hardly_seen_is_not_proposed(data_dir: Path) -> None:
+    """On ice the tracks turn and the robot hardly does: 0.08 m ± 0.07 m for a gauge of 0.57 m."""
+    assert inspected(sample_log(data_dir / "borealtc", "ice_08.parquet")).track is None
+
+
 def test_a_gap_between_slow_speeds_is_one_stop_with_its_ends() -> None:
     stamps = 10**9 * np.array([0, 1, 2, 3, 33, 34, 35, 36])
     speeds = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0])
