@@ -122,7 +122,7 @@ def assembled(
     for name in ("constant", "inertia"):
         if name in fits:
             refitted[name], new, kept_indices = _written(shared[name], name, new, held, refit)
-            kept_names |= _result_names(name, kept_indices)
+            kept_names |= _result_names(name, kept_indices, shared[name])
     rows = _parameters(robot, new, fits, refitted, chosen, radii, speeds_by_radius)
     richest = fits.get("inertia", fits["constant"])
     free = np.flatnonzero(richest.free)
@@ -190,17 +190,15 @@ def _is_default(robot: Robot, name: str) -> bool:
     return bool(field and not field.required and getattr(table, field.name) == field.default)
 
 
-def _result_names(model: str, kept_indices: frozenset[str]) -> set[str]:
-    """Names in the results that stay as in the file, since all indices behind them do."""
+def _result_names(model: str, kept_indices: frozenset[str], fit: Fit) -> set[str]:
+    """Names in the results that stay as in the file, since all free indices behind them do."""
     if model == "inertia":
         return {f"indices.{name}" for name in kept_indices}
-    needed_indices = {
-        "constant_icr.x_ICRl": {"epsilon0", "eta0"},
-        "constant_icr.x_ICRr": {"epsilon0", "eta0"},
-        "constant_icr.y_ICR": {"zeta0"},
-        "effective_track": {"eta0"},
-    }
-    return {name for name, needed in needed_indices.items() if needed <= kept_indices}
+    both = {"epsilon0", "eta0"}
+    needed_indices = {"constant_icr.x_ICRl": both, "constant_icr.x_ICRr": both}
+    needed_indices |= {"constant_icr.y_ICR": {"zeta0"}, "effective_track": {"eta0"}}
+    of_free = {name: set(filter(fit.is_free, needed)) for name, needed in needed_indices.items()}
+    return {name for name, needed in of_free.items() if needed and needed <= kept_indices}
 
 
 def with_difference(fits: Mapping[str, Fit], difference: float, refit: Refit) -> dict[str, Fit]:

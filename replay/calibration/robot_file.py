@@ -61,6 +61,8 @@ def _comment(parameter: FoundParameter, file: dict[str, Any]) -> str:
     written = file.get(table or "vehicle", {}).get(key)
     value, sigma, before = parameter.value, parameter.sigma, parameter.before
     text = "held" if sigma is None else f"± {sigma:.2g}"
+    if sigma and (for_others := parameter.sigma_other_logs or 0.0) > sigma:
+        text += f" (± {for_others:.2g} for another log)"
     if sigma is not None and written is not None and abs(written - value) > LARGEST_CHANGE * sigma:
         text = f"estimate {value:.4g} {text}"
     if parameter.status == "conditional":

@@ -193,6 +193,14 @@ def test_a_short_log_changes_only_what_it_contradicts(case: Case) -> None:
         assert stays == (KEPT in one.note or one.status == "held")
         assert stays or abs(one.value - getattr(before, name)) > 1.96 * one.sigma
     assert found.robot.tracks.scale_sigma > 0.0
+    # Without accelerometers the midpoint of the ICRs is held, and their spacing stays, too.
+    bare = replace(short, imu=replace(short.imu, linear_acceleration=None))
+    found = calibrate([bare], robot, models=("constant",))
+    for name in ("x_ICRl", "x_ICRr"):
+        one = found.parameter(f"constant_icr.{name}")
+        assert one.status == "conditional"
+        stays = getattr(found.robot.constant_icr, name) == pytest.approx(one.before, abs=1e-6)
+        assert stays == (KEPT in one.note)
 
 
 def found_robot(case: Case) -> Robot:
