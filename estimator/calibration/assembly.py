@@ -191,7 +191,7 @@ def _is_default(robot: Robot, name: str) -> bool:
 
 
 def _result_names(model: str, kept_indices: frozenset[str], fit: Fit) -> set[str]:
-    """Names in the results that stay as in the file, since all free indices behind them do."""
+    """Names in the results that stay, since all free indices behind them do."""
     if model == "inertia":
         return {f"indices.{name}" for name in kept_indices}
     both = {"epsilon0", "eta0"}

@@ -41,7 +41,7 @@ def between_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Int
 
 
 def scored_parts(log: Log) -> list[Interval]:
-    """Intervals of scored drift, less the holes of the log and what the truth does not cover."""
+    """Intervals of scored drift within the truth, less the holes of the log."""
     parts = between_holes(scored_intervals(log), holes_of(log))
     if log.truth is not None and len(known := log.truth.poses.stamps):
         parts = [(max(low, int(known[0])), min(high, int(known[-1]))) for low, high in parts]

@@ -137,7 +137,7 @@ def _turning_ratio(tracks: TrackSpeedSeries, yaw_rates: YawRates) -> Estimate | 
 
 
 def windows(length: float, *streams: Stamps) -> tuple[Stamps, Flags]:
-    """Edges (w + 1,) [ns] of windows of a length [s], and mask (w,) of those without hole."""
+    """Edges (w + 1,) [ns] of windows [s], and mask (w,) of those without hole."""
     firsts, lasts = zip(*(one[[0, -1]] for one in streams), strict=True)
     edges = even_grid(max(firsts), min(lasts), step := round(length / NANOSECOND), streams[0])
     is_whole: Flags = np.diff(edges) == step
