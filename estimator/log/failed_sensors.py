@@ -118,36 +118,40 @@ def unequal_sides(tracks: TrackSpeedSeries, stamps: Stamps, rates: Floats) -> Un
     return None
 
 
-def working_imu(log: Log) -> tuple[Log, str]:
+def working_imu(log: Log, upward: Floats | None = None) -> tuple[Log, str]:
     """Longest part of a log in which the IMU works, and what it does in the others.
 
-    The log and "" if there are no others. The part is without the IMU if that never works.
+    The log and "" if there are no others. The part is without the IMU if that works nowhere for long.
+    With the vertical `upward` (3,) in the IMU's axes, a gyro that shows no turning is frozen, too.
     """
     imu, tracks = log.imu, log.tracks
-    if imu is None or not len(imu.stamps) or not len(tracks.stamps):
+    if imu is None or len(imu.stamps) < 2 or not len(tracks.stamps):
         return log, ""
     works = np.ones(len(imu.stamps), dtype=bool)
-    for rows in _repeats(imu.angular_velocity, imu.stamps):
-        first, last = imu.stamps[rows][[0, -1]].tolist()
-        meanwhile = slice(*np.searchsorted(tracks.stamps, (first, last)))
+    rates = imu.angular_velocity if upward is None else imu.angular_velocity @ upward
+    for rows in _repeats(rates, imu.stamps):
+        span = imu.stamps[rows][[0, -1]]
+        meanwhile = slice(*np.searchsorted(tracks.stamps, span))
         speed, turning = np.abs(tracks.speeds[meanwhile]), tracks.difference[meanwhile]
-        # A robot that drives steadily, or not at all, may repeat its readings.
-        if speed.size and speed.mean() * (last - first) * NANOSECOND > LEAST_DISTANCE:
-            works[rows] = np.ptp(turning) <= LEAST_SHARE * speed.mean()
+        seconds = float(np.diff(span)[0]) * NANOSECOND
+        # A robot that drives steadily, or not at all, may repeat its readings; means are free of noise.
+        if speed.size and speed.mean() * seconds > LEAST_DISTANCE:
+            means = [part.mean() for part in np.array_split(turning, int(seconds)) if len(part)]
+            works[rows] = np.ptp(np.percentile(means, [5, 95])) <= LEAST_SHARE * speed.mean()
     begin, end = tracks.stamps[[0, -1]]
     edges, whole = np.array([begin, *imu.stamps[works], end]), (end - begin) * NANOSECOND
     # A hole in the track speeds, too, is none of the IMU alone.
     gaps = np.diff(np.searchsorted(tracks.stamps, edges)) * whole / len(tracks.stamps)
-    failures = np.flatnonzero(gaps > max(LEAST_WITHOUT_IMU, SHARE_WITHOUT_IMU * whole))
+    failures = np.flatnonzero(gaps > (least := max(LEAST_WITHOUT_IMU, SHARE_WITHOUT_IMU * whole)))
     if not len(failures):
         return log, ""
     what = "has no samples" if works.all() else "repeats one reading while the tracks turn"
-    since = (edges[failures[0]] - begin) * NANOSECOND
-    text = f"{what}, for {gaps[failures].sum():.0f} of {whole:.0f} s, first at {since:.0f} s"
+    text = f"{what}, for {gaps[failures].sum():.0f} of {whole:.0f} s"
     parts = edges[[0, *(failures + 1)]], edges[[*failures, -1]]
     longest = int(np.argmax(parts[1] - parts[0]))
     start, stop = (int(ends[longest]) for ends in parts)
-    return log.between(start, stop) if stop > start else replace(log, imu=None), text
+    works_long = (stop - start) * NANOSECOND > least
+    return log.between(start, stop) if works_long else replace(log, imu=None), text
 
 
 def _repeats(readings: Floats, stamps: Stamps) -> Iterator[slice]:

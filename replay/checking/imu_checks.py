@@ -51,10 +51,8 @@ def check_samples(log: Log, robot: Robot) -> Iterator[Check]:
             remedy = "a log of half a minute or more, with bends"
         yield Check("track speeds", "a log", f"{count} samples", problem, remedy)
     elif log.imu is None:
-        source = robot.log.get("imu", {}).get("topic")
-        if source is None and "imu" in robot.log.get("columns", {}):
-            source = "its columns"
-        if source is not None:
+        columns = "its columns" if "imu" in robot.log.get("columns", {}) else None
+        if source := robot.log.get("imu", {}).get("topic", columns):
             problem = f"the log has no IMU sample on {source}: the tracks alone give the heading"
             remedy = "the right topic in [log.imu]; icreckon inspect lists those of the log"
             yield Check("IMU", str(source), "no sample", problem, remedy)
@@ -64,11 +62,11 @@ def check_samples(log: Log, robot: Robot) -> Iterator[Check]:
             'rate_unit in [log.imu] ("deg/s", "mdps"), or its driver',
             lambda log, robot: (replace(log, imu=None), robot),
         )
-    elif len(log.imu.stamps) >= FEWEST_SPEEDS and (failure := working_imu(log)[1]):
+    elif failure := working_imu(log, robot.imu_rotation[2])[1]:
         yield Check("IMU's span", "whole log", failure).contradicted(
             f"the IMU {failure}",
             "look at its driver and cable, or cut the log",
-            lambda log, robot: (working_imu(log)[0], robot),
+            lambda log, robot: (working_imu(log, robot.imu_rotation[2])[0], robot),
         )
 
 

@@ -6,6 +6,7 @@ a diameter) does not show up as several.
 """
 
 import math
+from collections import ChainMap
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -80,11 +81,9 @@ def commanded(robot: Robot) -> list[str]:
 
 def far_centre(robot: Robot) -> list[str]:
     """Note on a turning centre that is beyond the contact of the tracks, or nothing."""
-    zeta0, half_length = robot.indices.zeta0, robot.vehicle.half_contact_length
-    if abs(zeta0) <= half_length:
-        return []
-    limit = f"half_contact_length = {half_length:g} m"
-    return [f"zeta0 = {zeta0:.2f} m is beyond {limit}: is [imu] position right?"]
+    zeta0, half = robot.indices.zeta0, robot.vehicle.half_contact_length
+    note = f"zeta0 = {zeta0:.2f} m is beyond half_contact_length = {half:g} m: is [imu] position right?"
+    return [note] if abs(zeta0) > half else []
 
 
 def _correctable(checks: Sequence[Check]) -> list[Check]:
@@ -96,10 +95,7 @@ def with_corrected(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log
     """Correct log and robot by all contradictions that have a correction."""
     wrong = _correctable(checks)
     log, robot = corrected(log, robot, wrong)
-    settings: dict[str, float | list[float]] = {}
-    for check in wrong:
-        settings |= check.settings
-    return log, changed_robot(robot, settings)
+    return log, changed_robot(robot, dict(ChainMap(*(check.settings for check in reversed(wrong)))))
 
 
 def is_of_another(checks: Sequence[Check]) -> bool:

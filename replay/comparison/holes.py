@@ -19,7 +19,7 @@ LONGEST_BRIDGE = 1.0  # longest bridged interval of the truth, or twice the usua
 def holes_of(log: Log) -> list[Interval]:
     """Intervals [ns] without track speeds or without IMU samples, merged."""
     gaps: list[Interval] = []
-    for stamps in (log.tracks.stamps, *([] if log.imu is None else [log.imu.stamps])):
+    for stamps in filter(len, (log.tracks.stamps, *([] if log.imu is None else [log.imu.stamps]))):
         edges = np.array([log.start, *stamps, log.end])
         least = np.array([HOLE_AT_END, *np.full(len(edges) - 3, HOLE), HOLE_AT_END])
         before = np.flatnonzero(np.diff(edges) * NANOSECOND > least)

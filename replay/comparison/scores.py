@@ -55,7 +55,8 @@ def scores(comparison: Comparison, name: str, holes: Sequence[Interval]) -> Resu
     errors = np.concatenate([np.zeros((0, 3)), *parts])
     rmse = np.sqrt(np.mean(errors**2, axis=0)) if len(errors) else np.full(3, np.nan)
     results |= zip(("rmse_v_x_m_s", "rmse_v_y_m_s", "rmse_w_rad_s"), rmse.tolist(), strict=True)
-    within = until_holes(scored_intervals(log), holes)
+    at_start = [hole for hole in holes if hole[0] == log.start]
+    within = until_holes(between_holes(scored_intervals(log), at_start), holes)
     nees = pose_nees(estimate, truth.poses, within=within, position_only=not truth.headings)
     # The filter's covariance does not include the errors of fixes that serve as truth.
     has_nees = len(nees) > 0 and truth.source != OF_FIXES

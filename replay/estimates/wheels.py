@@ -42,7 +42,7 @@ LARGEST_TURNING = 1.0  # largest turning within a window at which its path is as
 WINDOWS = {"truth": 2.0, "fixes": 10.0}  # time over which distances are compared [s], by source
 FEWEST_WINDOWS = 5
 MEDIAN_ERROR = 1.25  # standard error of a median of normal errors over that of their mean [-]
-LARGEST_HOLE = 1.0  # windows with a longer gap between samples are left out [s]
+LARGEST_HOLE = 1.0  # windows with a gap longer than this, and than three samples, are left out [s]
 TURN_WINDOW = 2.0  # time over which turning by tracks and gyro is compared [s]
 FEWEST_TURNS = 20  # such windows from which on the effective track has a standard error
 MOST_UNCERTAIN = 0.2  # least standard error of one that is not shown, over its value [-]
@@ -115,7 +115,7 @@ def wheel_estimates(
 
 
 def _turning_ratio(tracks: TrackSpeedSeries, yaw_rates: YawRates) -> Estimate | None:
-    """Ratio of V_r - V_l to the yaw rate by linear regression; None if too short."""
+    """Ratio of V_r - V_l to the yaw rate by linear regression; None if hardly seen."""
     # The regression is of the tracks on the gyro, whose noise hardly counts over a window.
     edges, is_whole = windows(TURN_WINDOW, tracks.stamps, yaw_rates.stamps)
     if is_whole.sum() < FEWEST_WINDOWS:
@@ -142,7 +142,8 @@ def windows(length: float, *streams: Stamps) -> tuple[Stamps, Flags]:
     edges = even_grid(max(firsts), min(lasts), step := round(length / NANOSECOND), streams[0])
     is_whole: Flags = np.diff(edges) == step
     for one in streams:
-        is_whole &= are_within(pieces(one, LARGEST_HOLE), one, edges[:-1], edges[1:])
+        longest = max(LARGEST_HOLE, 3.0 * float(np.ptp(one)) / max(1, len(one) - 1) * NANOSECOND)
+        is_whole &= are_within(pieces(one, longest), one, edges[:-1], edges[1:])
     return edges, is_whole
 
 

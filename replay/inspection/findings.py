@@ -37,9 +37,11 @@ def findings(estimates: LogEstimates) -> Iterator[str]:
             yield f"{purpose}: {clock}; {choice.reason}"
     if log is None:
         return
+    part, failure = working_imu(log)
     yield from _stream_findings(estimates, log)
-    yield from _track_findings(estimates, log)
-    yield from _failed_sensors(estimates, log)
+    yield from _track_findings(estimates, part)
+    yield from [f"the IMU {failure}: look at its driver and cable"] if failure else []
+    yield from _failed_sensors(estimates, part)
     yield from _standstill_findings(estimates, log)
     yield from (f"suspicious: {text}" for text in unit_suspicions(estimates, log))
     yield from _rate_findings(estimates.track)
@@ -122,8 +124,6 @@ def _failed_sensors(estimates: LogEstimates, log: Log) -> Iterator[str]:
     rates = estimates.yaw_rates if has_sides else None
     if rates and (unequal := unequal_sides(log.tracks, *rates)):
         yield f"tracks: {unequal.text}: look at counts, gears and radius of both sides"
-    if failure := working_imu(log)[1]:
-        yield f"the IMU {failure}: look at its driver and cable"
 
 
 def _standstill_findings(estimates: LogEstimates, log: Log) -> Iterator[str]:

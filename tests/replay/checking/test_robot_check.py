@@ -399,9 +399,18 @@ def test_a_frozen_gyro_is_named_alone_and_estimates_use_the_rest(log: Log):
     frozen = replace(log, imu=replace(log.imu, angular_velocity=rates))
     assert list(problems(frozen, ALPHA)) == ["IMU's span"]
     assert working_imu(frozen)[0].duration == pytest.approx(0.6 * log.duration, abs=0.1)
-    # A robot may drive straight on with repeated readings.
-    resting = speeds(frozen, lambda v: np.full_like(v, 0.4))
-    assert working_imu(resting) == (resting, "")
+    # A robot may drive straight on with repeated readings, with noisy encoders and a spike.
+    noise = np.random.default_rng(1).normal(0.4, 0.02, log.tracks.speeds.shape)
+    noise[len(noise) // 2, 0] = 1.0
+    straight = speeds(frozen, lambda v: 0.0 * v + noise)
+    assert working_imu(straight) == (straight, "")
+    # One axis may be frozen alone, and an IMU that hardly works is none.
+    upright = log.imu.angular_velocity * [1.0, 1.0, 0.0]
+    flat = replace(log, imu=replace(log.imu, angular_velocity=upright))
+    assert list(problems(flat, ALPHA)) == ["IMU's span"]
+    rates[2:] = rates[2]
+    dead = replace(log, imu=replace(log.imu, angular_velocity=rates))
+    assert working_imu(dead)[0].imu is None
 
 
 @pytest.mark.parametrize(

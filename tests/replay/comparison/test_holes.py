@@ -81,3 +81,12 @@ def test_a_stream_that_ends_early_is_a_hole_and_a_truth_that_does_not_is_not_sco
         assert results["truth"]["scored_s"] == [pytest.approx([0.0, 40.0], abs=0.1)]
         named = "The log has no track speeds or IMU samples for 40.0 s" in headline(results)
         assert named == (broken.truth is whole.truth)
+
+
+def test_an_imu_that_begins_late_leaves_a_nees() -> None:
+    log = simulate(Scenario(duration=60.0, seed=2, fix_rate=0.0), ROBOT)
+    late = replace(log, imu=log.part(10.0, 60.0).imu)
+    (variant,) = summarise(compare(late, ROBOT, "gyro"), ROBOT, series=False)["variants"].values()
+    assert variant["nees_poses"] > 0
+    # A part before the IMU's begin has none of its samples.
+    summarise(compare(late.part(0.0, 8.0), ROBOT, "gyro"), ROBOT, series=False)
