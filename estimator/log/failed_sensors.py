@@ -139,7 +139,7 @@ def working_imu(log: Log, upward: Floats | None = None) -> tuple[Log, str]:
             means = [part.mean() for part in np.array_split(turning, int(seconds)) if len(part)]
             works[rows] = np.ptp(np.percentile(means, [5, 95])) <= LEAST_SHARE * speed.mean()
     begin, end = tracks.stamps[[0, -1]]
-    edges, whole = np.array([begin, *imu.stamps[works], end]), (end - begin) * NANOSECOND
+    edges, whole = np.concatenate([[begin], imu.stamps[works], [end]]), (end - begin) * NANOSECOND
     # A hole in the track speeds, too, is none of the IMU alone.
     gaps = np.diff(np.searchsorted(tracks.stamps, edges)) * whole / len(tracks.stamps)
     failures = np.flatnonzero(gaps > (least := max(LEAST_WITHOUT_IMU, SHARE_WITHOUT_IMU * whole)))

@@ -310,7 +310,7 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
         sizes = adaptation.zeta0 * turn, adaptation.epsilon0 * turn, adaptation.eta0 / eta0 * turn
         return np.array([*np.repeat(sizes, 2), 0.0, 0.0, 0.0])
     vehicle, force = robot.vehicle, TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
-    # In the fastest bend one track stands. The square of that force times a usual eta2 would be 10.
+    # In the fastest bend one track stands. There a prior for slow robots would let eta vary by 10.
     width = vehicle.track_gauge * robot.constant_indices.eta0
     fastest = 0.5 * vehicle.mass * vehicle.max_track_speed**2 / width
     largest = max(force, min(fastest, vehicle.mass * GRAVITY))

@@ -20,8 +20,8 @@ def holes_of(log: Log) -> list[Interval]:
     """Intervals [ns] without track speeds or without IMU samples, merged."""
     gaps: list[Interval] = []
     for stamps in filter(len, (log.tracks.stamps, *([] if log.imu is None else [log.imu.stamps]))):
-        edges = np.array([log.start, *stamps, log.end])
-        least = np.array([HOLE_AT_END, *np.full(len(edges) - 3, HOLE), HOLE_AT_END])
+        edges = np.concatenate([[log.start], stamps, [log.end]])
+        least = np.pad(np.full(len(stamps) - 1, HOLE), 1, constant_values=HOLE_AT_END)
         before = np.flatnonzero(np.diff(edges) * NANOSECOND > least)
         gaps += zip(edges[before].tolist(), edges[before + 1].tolist(), strict=True)
     whole = [(log.start, log.end)]
