@@ -7,7 +7,7 @@ import msgspec
 from typer import Option
 
 from icreckon.cli.common.comparing import compare_and_write
-from icreckon.cli.common.console import exit_if_failed, results_folder, say, show
+from icreckon.cli.common.console import exit_if_failed, results_folder, say, show, working
 from icreckon.cli.common.options import Formats, Json, Out, Overwrite, Wide, Workers
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.robot.robot_file import load_robot
@@ -41,10 +41,7 @@ def command(
     overwrite: Overwrite = False,
     workers: Workers = None,
 ) -> None:
-    """Simulate a bag, read it back, and compare the variants.
-
-    The robot is Auriga-alpha.
-    """
+    """Simulate a bag of Auriga-alpha, read it back, and compare the variants."""
     if trajectory not in TRAJECTORIES:
         hint = nearest_hint(trajectory, list(TRAJECTORIES))
         raise SimulationError(f"no trajectory of a demo: {trajectory!r}{hint}")
@@ -52,7 +49,8 @@ def command(
     robot = load_robot(ROBOT)
     scenario = demo_scenario(seed, duration, trajectory)
     with results_folder(out, DEFAULT_FOLDER, overwrite=overwrite) as folder:
-        bag = write_log(simulate(scenario, robot), folder / BAG, "mcap", robot)
+        with working(f"simulating {duration:.0f} s of {ROBOT} (the first run compiles)"):
+            bag = write_log(simulate(scenario, robot), folder / BAG, "mcap", robot)
         origin = {"command": "demo", "configuration": msgspec.to_builtins(scenario)}
         origin |= {"inputs": {BAG: bag}, "seed": seed}
         say(f"simulated {duration:.0f} s of {ROBOT} and wrote them as a bag")

@@ -8,7 +8,7 @@ from typing import Annotated, Any, cast
 
 from typer import Option
 
-from icreckon.cli.common.console import say
+from icreckon.cli.common.console import say, working
 from icreckon.cli.common.options import Overwrite, robot_option
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.robot.robot_file import load_robot
@@ -91,10 +91,12 @@ def command(
     if outages:
         changes["outages"] = [_outage(text) for text in outages]
     scenario = _changed_scenario(scenario_file, [changes, *map(_setting, settings or [])])
-    for text in robot_remarks(loaded, scenario.truth):
+    with working(f"simulating {scenario.duration:.0f} s of {loaded.name} (the first run compiles)"):
+        remarks = robot_remarks(loaded, scenario.truth)
+        log = simulate(scenario, loaded)
+        path = write_log(log, out, kind, loaded, overwrite=overwrite)
+    for text in remarks:
         say(text)
-    log = simulate(scenario, loaded)
-    path = write_log(log, out, kind, loaded, overwrite=overwrite)
     # With fixes throughout no stretch of dead reckoning is left to score.
     too_short = (1.0 - FIXES_SHARE) * log.duration < SCORED_OUTAGE
     has_scores = too_short or log.truth is None or scored_intervals(log)

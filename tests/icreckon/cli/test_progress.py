@@ -1,5 +1,6 @@
 """Progress on a terminal: from the first second on, and of how many."""
 
+import contextlib
 import os
 import pty
 import subprocess
@@ -56,11 +57,28 @@ def test_compiled_functions_are_counted_with_their_total(monkeypatch, tmp_path: 
     assert title(monkeypatch, tmp_path, [0], 0) == ["filtering"]
 
 
-def test_a_terminal_shows_at_once_what_is_done(tmp_path: Path) -> None:
+def on_terminal(tmp_path: Path, *arguments: str) -> str:
+    """What a command shows on a terminal of 80 columns."""
     main, side = pty.openpty()
-    command = [Path(sys.executable).parent / "icreckon", "replay", "none.bag"]
-    running = subprocess.Popen(command, cwd=tmp_path, stdout=side, stderr=side)
+    command = [Path(sys.executable).parent / "icreckon", *arguments]
+    environment = os.environ | {"COLUMNS": "80"}
+    running = subprocess.Popen(command, cwd=tmp_path, stdout=side, stderr=side, env=environment)
     os.close(side)
-    assert os.read(main, 1000).startswith(b"loading icreckon replay")
+    shown = b""
+    # A terminal without a program at its other side is an OSError.
+    with contextlib.suppress(OSError), os.fdopen(main, "rb", buffering=0) as terminal:
+        while read := terminal.read(1000):
+            shown += read
     running.wait()
-    os.close(main)
+    return shown.decode()
+
+
+def test_a_terminal_shows_at_once_what_is_done(tmp_path: Path) -> None:
+    shown = on_terminal(tmp_path, "replay", "none.bag")
+    assert shown.startswith("loading icreckon replay")
+
+
+def test_a_simulation_shows_what_it_does(tmp_path: Path) -> None:
+    """The first one compiles for 15 s."""
+    shown = on_terminal(tmp_path, "simulate", "--out", "bag", "--duration", "5", "--seed", "3")
+    assert "simulating 5 s of auriga-alpha (the first run compiles)" in shown
