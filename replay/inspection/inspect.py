@@ -80,6 +80,8 @@ def inspect(
     """
     paths, first = as_paths(path), first_path(path)
     surveys, notes, tables = _survey_files(paths, definitions)
+    if not tables and not any(survey.recorded for survey in surveys):
+        raise ReplayError(f"{first}: nothing to inspect, no topic has a message")
     mapping = guess_topics(surveys, sizes.log.get("fixes", {}).get("topic"))
     if tables:
         time_column = str(sizes.log.get("columns", {}).get("time", ""))

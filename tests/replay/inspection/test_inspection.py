@@ -10,6 +10,7 @@ from conftest import inspected, make_log, sample_log
 from icreckon import EstimatorError, Inspection, Log, Robot, Vehicle, inspect, load_robot, write_log
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.estimates.imu_mounting import estimate_mounting
 from icreckon.replay.mapping.naming import PLACEHOLDER_SIGMA
 from icreckon.replay.mapping.topics import TopicMap, topic_map
@@ -153,6 +154,11 @@ def test_a_bag_with_nothing_of_use(tmp_path: Path) -> None:
     assert "no track speeds" in found.proposed_robot_file
     robot, _ = proposed(found, tmp_path)
     assert robot.name == 'odd "name" \\ here'
+
+
+def test_a_bag_without_messages_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ReplayError, match="no topic has a message"):
+        inspect(made.write_bag(tmp_path / "bag", []))
 
 
 def test_static_transforms_give_positions_and_what_the_log_does_not_show(tmp_path: Path) -> None:
