@@ -41,7 +41,7 @@ def command(
     overwrite: Overwrite = False,
     workers: Workers = None,
 ) -> None:
-    """Simulate a bag of Auriga-alpha, read it back, and compare the variants."""
+    """Simulate a bag of Auriga-alpha, read it back, compare variants."""
     if trajectory not in TRAJECTORIES:
         hint = nearest_hint(trajectory, list(TRAJECTORIES))
         raise SimulationError(f"no trajectory of a demo: {trajectory!r}{hint}")

@@ -28,7 +28,7 @@ LogLevel = Literal["debug", "info", "warning", "error"]
 # First line of the help of each command. Its function is `command` in the file of its name, which takes
 # up to a second to import.
 COMMANDS = {
-    "demo": "Simulate a bag, read it back, and compare the variants.",
+    "demo": "Simulate a bag of Auriga-alpha, read it back, compare variants.",
     "simulate": "Simulate a run and write it as a bag of standard messages.",
     "replay": "Run all filter variants over a log, or several, and score them.",
     "inspect": "List what a log holds, and propose a robot file for it.",
