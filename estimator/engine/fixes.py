@@ -20,7 +20,7 @@ from icreckon.estimator.engine.model import (
     turn,
 )
 from icreckon.estimator.engine.step import Step, StepKind, TracedPose
-from icreckon.estimator.faults.departing_fixes import Departure, errors_by_cause
+from icreckon.estimator.faults.departing_fixes import STATES, Departure
 from icreckon.estimator.filter.ekf import LEAST_VARIANCE
 from icreckon.estimator.filter.filter_record import ALIKE_FIXES, DEPARTURE
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
@@ -182,7 +182,7 @@ class _PositionFix:
             self.interval,
         )
         departs = is_off & is_followed
-        for states, error in errors_by_cause(indicated):
+        for states, error in zip(STATES, indicated, strict=True):
             # A considered bias, the last state of an error, is not inflated.
             self.inflate(states[: len(states) - (states[-1] in considered)], error, departs)
         return departure, departs
