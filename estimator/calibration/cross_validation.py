@@ -82,7 +82,7 @@ def validate(fits: Mapping[str, Fit]) -> ModelComparison:
         differences[name, other] = Difference(name, other, *drift, *gain)
     supported, *later = sums
     for name in later:
-        # Each later model replaces the one chosen so far if it is significantly better than that.
+        # A later model replaces the one chosen so far if it drifts significantly less.
         if differences[name, supported].drift_high < 0.0:
             supported = name
     return ModelComparison(
