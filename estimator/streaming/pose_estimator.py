@@ -328,8 +328,7 @@ class PoseEstimator:
         if reason:
             self._arrivals.sensor(stream).reject(reason)
             return reason == TOO_OLD and self._set_clock_back(admission.too_old(measurement))
-        if admission.behind:
-            admission.behind.clear()
+        admission.behind.clear()
         if in_order:
             return history.append(key, measurement)
         self._arrivals.sensor(stream).late += 1
