@@ -4,7 +4,7 @@ Observability is determined by the information with all parameters free. A param
 ("not shown") if its standard error exceeds a threshold. As long as there is one, that of the highest rank
 is held at its start (the robot file); the others are then estimated on that condition.
 
-Standard errors are the largest of those of the likelihood and of a jackknife over blocks, linearised at
+Standard errors are the larger of two: by the likelihood, and by a jackknife over blocks linearised at
 the fit. The jackknife is valid for any correlation of residuals within a block (Efron and Stein, The
 jackknife estimate of variance, Annals of Statistics 9, 1981). Standard errors of few blocks are inflated,
 so that 1.96 of them are a 95 % interval.
@@ -238,7 +238,7 @@ class _Search(NamedTuple):
     def step(self, values: Floats, scaled: Floats, gradient: Floats) -> Floats:
         """Gauss-Newton step (a,), in threshold errors, within bounds.
 
-        A parameter at a bound, which a small part of the step would violate, stays there.
+        A parameter at a bound that a small part of the step would violate does not move.
 
         Args:
             values: present values (p,).

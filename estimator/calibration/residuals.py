@@ -47,7 +47,7 @@ class Problem:
 
     recording: Recording  # the segments
     model: Model  # the motion model
-    # all that may be free: common ones, those of each log (named "name[log]"), those of the model
+    # all that may be free: of all logs, of each log (named "name[log]"), and of the model
     parameters: tuple[Parameter, ...]
     imu_position: tuple[float, float]  # position of the IMU in base_link, forward and left [m]
     force: bool  # True if the specific force is used
@@ -230,7 +230,7 @@ class Problem:
         return np.asarray(self._by_log(values, name)[self.recording.log])
 
     def counted_rows(self) -> Flags:
-        """Mask (n, ROWS) of rows that count: at standstill only those of the gyro's bias."""
+        """Mask (n, ROWS) of rows that count: at standstill only turns, for the bias."""
         recording = self.recording
         result = np.repeat(recording.moving[:, None], ROWS, axis=1)
         result[:, SLIP] = True

@@ -171,7 +171,7 @@ def gates_of(
 ) -> dict[str, Gate]:
     """Make the gates of all sensors, by the names of their components.
 
-    Gates of the IMU have their counts in `records`; those of others are made by `make_record`.
+    Gates of the IMU have their counts in `records`; counts of others are made by `make_record`.
     """
     gates = {}
     for name, component_names in components.items():

@@ -86,8 +86,8 @@ class Log:
     ) -> Log:
         """Make a log of measurements in any order, to `run` a filter over or to `smooth`.
 
-        Implausible measurements are dropped and counted, and of those of one kind with one stamp all
-        but the first.
+        Implausible measurements are dropped and counted, and so are measurements of one type and stamp
+        after the first.
 
         Args:
             measurements: measurements, as for an estimator.

@@ -100,7 +100,7 @@ def quiet_mean(
 
     Args:
         still: record, changed in place.
-        stamps: buffer for stamps of readings [ns], with room for those of `duration_ns` and three more.
+        stamps: buffer for stamps [ns], with room for the readings of `duration_ns` and three more.
         rates: buffer of the same length for readings [rad/s]; `ValueError` if either is too short.
         stamp: stamp of the reading [ns].
         rate: the reading [rad/s], NaN if the gyro fails.
