@@ -188,8 +188,8 @@ def _search(
     for number in range(ROUNDS):
         is_noise_settled = number >= NOISE_ROUNDS
         noise = refined(noise, residuals, components_too=not is_noise_settled)
-        blocks = information(noise, residuals, jacobian, problem.recording.block)
-        fisher, score = (of_blocks.sum(axis=0) for of_blocks in blocks)
+        of_blocks = information(noise, residuals, jacobian, problem.recording.block)
+        fisher, score = (part.sum(axis=0) for part in of_blocks)
         scaled = _scaled(fisher, places, _thresholds(problem)) + ridge * np.eye(len(places))
         gradient = unit * score[places] + ridge * (values - search.start)[places] / unit
         step = search.step(values, scaled, gradient)

@@ -82,14 +82,14 @@ class Events:
             return
         is_nonzero = np.logical_or.reduceat(values[: self._ends[-1]] != 0.0, self._begins)
         spans = zip(self._begins.tolist(), self._ends.tolist(), is_nonzero.tolist(), strict=True)
-        for (kind, states, fixed), (begin, end, changes) in zip(self._events, spans, strict=True):
+        for (kind, states, fixed), (begin, end, changed) in zip(self._events, spans, strict=True):
             if kind == "renewed":
                 listener.renewed(_symmetric(values[begin:end], 3))
-            elif not changes:
+            elif not changed:
                 continue
             elif kind == "updated":
                 z, r, inverse_S, is_sharp = values[begin : begin + 4].tolist()
-                if inverse_S > 0.0:
+                if inverse_S > 0.0:  # zero if the update was not made
                     vectors = np.zeros((3, size))
                     vectors[:, states] = values[begin + 4 : end].reshape(3, -1)
                     h, cross, gain = vectors

@@ -201,8 +201,8 @@ def _find_scattering(record: Any) -> Iterator[Found]:
 def _find_wandering(record: Any) -> Iterator[Found]:
     correlation = innovation_correlation(record.fixes.scatter)
     if correlation is not None and correlation > CORRELATED and not record.fixes.scatter.variance:
-        what = f"successive innovations have a correlation of {correlation:.2f}"
-        text = f"errors of fixes wander, or the robot slips for long: {what}"
+        reason = f"successive innovations have a correlation of {correlation:.2f}"
+        text = f"errors of fixes wander, or the robot slips for long: {reason}"
         yield Found("position", text, size=correlation)
 
 

@@ -196,8 +196,8 @@ def tilt_health(sums: TiltRecord, imu: Imu) -> TiltHealth | None:
     tilt = tilt_of(sums)
     if tilt is None or tilt.sigma > KNOWN_TILT:
         return None
-    level = imu.accelerometer_bias_sigma / GRAVITY
-    is_wrong = max(abs(tilt.roll), abs(tilt.pitch)) > TILTED * (level + tilt.sigma)
+    levelling_sigma = imu.accelerometer_bias_sigma / GRAVITY
+    is_wrong = max(abs(tilt.roll), abs(tilt.pitch)) > TILTED * (levelling_sigma + tilt.sigma)
     roll, pitch, sigma = map(math.degrees, tilt)
     return TiltHealth(roll, pitch, sigma, is_wrong)
 

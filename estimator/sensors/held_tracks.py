@@ -97,9 +97,10 @@ def mean_decay(held: TrackRecord, start: int, end: int, hold_ns: int) -> float:
         return 1.0
     dt, to_age = (end - start) * NANOSECOND, stale * NANOSECOND
     from_age = max(0, start - held.stamp - hold_ns) * NANOSECOND
-    fresh = dt - (to_age - from_age)
+    fresh_time = dt - (to_age - from_age)
+    # The factor is 1 in that time, and exp(-age / DYING_AWAY) after it.
     decayed = math.exp(-from_age / DYING_AWAY) - math.exp(-to_age / DYING_AWAY)
-    return (fresh + DYING_AWAY * decayed) / dt
+    return (fresh_time + DYING_AWAY * decayed) / dt
 
 
 def average(held: TrackRecord, stamp: int, left: float, right: float, hold: float) -> bool:
@@ -204,12 +205,11 @@ def take_motion(
         return rate
     watch_slide(held.forward, stamp, force_x, held.mean)
     # Sensors that repeat their readings may be stuck: that is not spin.
-    repeating = held.repeating_left, held.repeating_right
-    left_zero, right_zero = reads_zero(repeating[0]), reads_zero(repeating[1])
-    left_sticks = may_stick(repeating[0]) and not left_zero
-    right_sticks = may_stick(repeating[1]) and not right_zero
-    is_frozen = frozen_from(*repeating, settings.track_speed) != NEVER
-    if (left_sticks or right_sticks or is_frozen) and not is_found(spin):
+    left, right = held.repeating_left, held.repeating_right
+    left_zero, right_zero = reads_zero(left), reads_zero(right)
+    may_be_stuck = (may_stick(left) and not left_zero) or (may_stick(right) and not right_zero)
+    is_frozen = frozen_from(left, right, settings.track_speed) != NEVER
+    if (may_be_stuck or is_frozen) and not is_found(spin):
         forget_mismatch(spin)
         spin.stamp = stamp
         return rate

@@ -55,20 +55,20 @@ def pose_ahead(x: Floats, model: TwistModel, density: Floats, elapsed: float) ->
 
 
 def point_on_robot(pose: Prediction, gravity: Floats, place: tuple[float, ...]) -> Prediction:
-    """Position of a point of the robot by a predicted pose and gravity.
+    """Position in odom of a point of the robot, by a predicted pose and gravity.
 
     Args:
         pose: pose of base_link.
         gravity: (2,) the states forward and left [m/s²]: a point above base_link leans over by them.
         place: the point in base_link, forward, left and up [m].
     """
-    lean, yaw = place[2] / GRAVITY, pose.values.item(2)
-    from_base = rotate(np.array(place[:2]) + lean * gravity, yaw)
+    lean_by_gravity, yaw = place[2] / GRAVITY, pose.values.item(2)
+    from_base = rotate(np.array(place[:2]) + lean_by_gravity * gravity, yaw)  # in odom [m]
     by_pose = np.eye(3)
     by_pose[:2, 2] = -from_base[1], from_base[0]
     values, H = pose.values.copy(), by_pose @ pose.H
     values[:2] += from_base
-    H[:2, s.GRAVITY] += lean * rotate(np.eye(2), yaw).T
+    H[:2, s.GRAVITY] += lean_by_gravity * rotate(np.eye(2), yaw).T
     return Prediction(values, H, by_pose @ pose.R @ by_pose.T)
 
 

@@ -51,6 +51,7 @@ class SensorModels:
         forward, leftward, upward = robot.imu_rotation.tolist()
         rows = np.array([upward, forward, leftward])  # rows of yaw, roll and pitch
         if imu.gyro_axes == "z":
+            # One axis reads the yaw rate times the cosine of its tilt.
             rows[0] = 0.0, 0.0, 1.0 / upward[2]
         if imu.gyro_axes == "z" or robot.slope.sigma == 0.0:
             rows[1:] = np.nan
