@@ -57,7 +57,7 @@ class FilterRecord(msgspec.Struct):
     trend_left: float = 0.0  # to the left [-]
     trend_size: float = 1.0  # mean of their squares; 1 if they are as large as expected
     departed_for: Size = 0.0  # time of rejected position fixes that depart from the path [s]
-    departed_from_x: float = 0.0  # place on the path of the newest fix that does not [m]
+    departed_from_x: float = 0.0  # place on the path of the newest fix that does not depart [m]
     departed_from_y: float = 0.0
     departed_by_x: float = 0.0  # innovation of the newest fix [m]
     departed_by_y: float = 0.0

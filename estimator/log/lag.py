@@ -28,7 +28,7 @@ LEAST_AGREEMENT, LEAST_FAR = 0.1, 0.5
 """Share of the spread that the line has to explain, at lags of `NEAR` and `FAR` [-]."""
 CERTAIN = 0.04  # standard error up to which an insignificant lag is reported, too [s]
 LEAST_TURN, LEAST_SPEEDING = 0.02, 0.05
-"""Least spread of turns [rad] and of distances [m] over the windows at which a lag may show."""
+"""Least spread of turns [rad] and of distances [m] over the windows at which a lag is observable."""
 ROUNDS = 5  # rounds of the line of least absolute residuals
 
 

@@ -35,7 +35,7 @@ class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         tracks: of the track speeds.
         imu: of the IMU samples.
-        position: of the position fixes.
+        position: of the position fixes and heights.
         heading: of the heading fixes.
         pose: of the pose fixes.
         body_velocity: of the body velocities.
