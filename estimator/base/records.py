@@ -124,9 +124,9 @@ def shifted(record: Record, by: int) -> Record:
 
 
 def _shift_stamps(value: Any, is_stamp: bool, by: int) -> Any:
-    """Copy of a value with every stamp in it later by some time [ns]; NEVER stays.
+    """Copy a value with every stamp in it, except NEVER, later by some time [ns].
 
-    Numbers are stamps if `is_stamp`; in a record or named tuple by the types of its own fields.
+    With `is_stamp`, numbers are stamps. Types say which fields of a record or named tuple are.
     """
     if names := _names(value):
         hints, fields = field_types(cast(Any, type(value))), {}

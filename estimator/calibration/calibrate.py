@@ -19,7 +19,7 @@ from icreckon.estimator.calibration.residuals import ALONG, TRACK_PARAMETERS, Pr
 from icreckon.estimator.calibration.result import Calibration
 from icreckon.estimator.calibration.segments import Recording, motion_of, record
 from icreckon.estimator.log import lag
-from icreckon.estimator.log.failed_sensors import stuck_sides, turning_at
+from icreckon.estimator.log.failed_sensors import rates_at, stuck_sides
 from icreckon.estimator.log.lever_arm import headings_and_lever_arm
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault, headings_by_path
@@ -30,7 +30,8 @@ from icreckon.estimator.sensors.sensor_models import SensorModels
 
 SEGMENT = 3.0  # length of a segment [s]
 SHORTEST_SEGMENT, LONGEST_SEGMENT = 1.0, 20.0  # limits of that length [s]
-LEAST_MOVED_SHARE = 0.02  # distance of a truth over that of the tracks, below which it stands [-]
+# A truth is at rest below this share of the distance of the tracks [-], if that is longer than this [m].
+LEAST_MOVED_SHARE, LEAST_DRIVEN = 0.02, 1.0
 CLEAR_CORRELATION, OTHER_UNIT_RATIO = 0.8, 2.0
 """Correlation of turning by gyro and truth that shows their ratio, and a ratio that no scale explains."""
 STEEP_SLOPE = 0.03  # from here headings by a path lean downhill: they show no gyro scale [rad]
@@ -165,13 +166,12 @@ def _recorded_again(recording: Recording, robot: Robot, first: Fit) -> Recording
 
 
 def _check_logs(logs: Sequence[Log], robot: Robot) -> None:
-    """Reject a side that is stuck, and a truth that stays, while the tracks drive."""
-    width = robot.constant_indices.eta0 * robot.vehicle.track_gauge
+    """Reject logs with a stuck side, or with a truth at rest while the tracks drive."""
     for log in logs:
-        turning = None
+        turning = None  # V_r - V_l by the gyro [m/s]
         if log.imu is not None:
             rates = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
-            turning = turning_at(log.tracks, log.imu.stamps, rates, width)
+            turning = robot.effective_track * rates_at(log.tracks, log.imu.stamps, rates)
         if stuck := stuck_sides(log.tracks, turning):
             raise EstimatorError(
                 f"log {log.name!r}: {stuck[0].text}; look at its sensor, cable and topic"
@@ -181,7 +181,7 @@ def _check_logs(logs: Sequence[Log], robot: Robot) -> None:
         speeds = np.abs(log.tracks.speeds.mean(axis=1))
         driven = float(running_integral(log.tracks.stamps, speeds)[-1])
         moved = float(path_length(log.truth.poses)[-1])
-        if driven > 1.0 and moved < LEAST_MOVED_SHARE * driven:
+        if driven > LEAST_DRIVEN and moved < LEAST_MOVED_SHARE * driven:
             raise EstimatorError(
                 f"log {log.name!r}: its truth moves {moved:.3g} m while the tracks drive {driven:.3g} m; "
                 "look at its topic, unit and receiver"

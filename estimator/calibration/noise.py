@@ -114,10 +114,10 @@ def first_noise(channels: tuple[Channel, ...], residuals: Floats) -> Noise:
     """Initial noise, whose components explain equal shares of the residuals (n, ROWS)."""
     components = []
     for channel in channels:
-        mean_bands = channel.bands[:, 0].mean(axis=1)
-        # The median size of normal errors is 0.67 standard deviations.
+        mean_diagonals = channel.bands[:, 0].mean(axis=1)
+        # The median size of normal errors is 0.67 sigma. SMALLEST avoids 0 / 0 where a diagonal is zero.
         typical = np.median(np.abs(channel.select(residuals))) / 0.67 + SMALLEST
-        share = typical / np.sqrt(len(mean_bands) * mean_bands)
+        share = typical / np.sqrt(len(mean_diagonals) * mean_diagonals)
         components.append(np.clip(share, SMALLEST, LARGEST))
     weights = tuple(np.ones(len(channel.rows)) for channel in channels)
     return Noise(channels, tuple(components), weights)

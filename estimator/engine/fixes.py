@@ -19,8 +19,8 @@ from icreckon.estimator.engine.model import (
     trend_after,
     turn,
 )
-from icreckon.estimator.engine.step import PredictedPose, Step, StepKind
-from icreckon.estimator.faults.departing_fixes import Departure, errors_by_cause
+from icreckon.estimator.engine.step import Step, StepKind, TracedPose
+from icreckon.estimator.faults.departing_fixes import STATES, Departure
 from icreckon.estimator.filter.ekf import LEAST_VARIANCE
 from icreckon.estimator.filter.filter_record import ALIKE_FIXES, DEPARTURE
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
@@ -182,7 +182,7 @@ class _PositionFix:
             self.interval,
         )
         departs = is_off & is_followed
-        for states, error in errors_by_cause(indicated):
+        for states, error in zip(STATES, indicated, strict=True):
             # A considered bias, the last state of an error, is not inflated.
             self.inflate(states[: len(states) - (states[-1] in considered)], error, departs)
         return departure, departs
@@ -257,7 +257,7 @@ def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     return _finished(lane, name, (), kind)
 
 
-def _predicted(lane: Lane, kind: FixKind) -> PredictedPose:
+def _predicted(lane: Lane, kind: FixKind) -> TracedPose:
     """Pose at the fix: that of the state, or a prediction if the fix lies ahead."""
     if kind.ahead:
         # The fast slip of the step before does not go on.
@@ -267,10 +267,10 @@ def _predicted(lane: Lane, kind: FixKind) -> PredictedPose:
         lane.x = before
         return pose
     rows: list[Vector] = [{axis: 1.0} for axis in range(3)]
-    return PredictedPose([lane.x[axis] for axis in range(3)], rows, [[0.0] * 3] * 3)
+    return TracedPose([lane.x[axis] for axis in range(3)], rows, [[0.0] * 3] * 3)
 
 
-def _antenna(lane: Lane, pose: PredictedPose) -> PredictedPose:
+def _antenna(lane: Lane, pose: TracedPose) -> TracedPose:
     """Predicted position of the antenna and yaw, see `predictions.point_on_robot`."""
     values, (x_row, y_row, yaw_row), covariance = pose
     lean = lane.input("fix_up") * (1.0 / GRAVITY)
@@ -287,7 +287,7 @@ def _antenna(lane: Lane, pose: PredictedPose) -> PredictedPose:
     with_pose = [[dot(by, dict(enumerate(row))) for row in covariance] for by in by_pose]
     antenna_covariance = [[dot(a, dict(enumerate(row))) for row in with_pose] for a in by_pose]
     place = [values[s.X] + ahead, values[s.Y] + beside, values[s.YAW]]
-    return PredictedPose(place, rows, antenna_covariance)
+    return TracedPose(place, rows, antenna_covariance)
 
 
 def _finished(lane: Lane, name: str, flags: Sequence[Truth], kind: FixKind) -> Kernel:

@@ -230,7 +230,7 @@ def feed_samples(
     uses_force: bool,
     rows: Any,
 ) -> Any:
-    """Take the steps of samples in order, and fill rows, see `Sampled`.
+    """Take the steps of samples, and fill rows; return the numbers of a `Sampled`.
 
     Other arguments are those of `take_sample`. The steps end before a sample after a gap, or at a stamp
     that the filter has reached, and if the buffers of readings are full.

@@ -201,7 +201,7 @@ def advanced_memory(x: Any, inputs: ModelInputs, left: Real, right: Real, dt: Re
     speeds = left * left_factor, right * right_factor
     parameters = tuple(x[s.PARAMETERS])
     if inputs.of_user is not None:
-        # A model of the user keeps its memory inside.
+        # A model of the user is never traced: it runs on plain numbers and keeps its own memory.
         inputs.of_user.recall(np.array(inputs.memory, dtype=float))
         inputs.of_user.begin_step(dt, *speeds, parameters, gravity_in(x))
         return list(inputs.of_user.memory)

@@ -21,7 +21,6 @@ from icreckon.estimator.sensors.held_tracks import USUAL_TRACK_INTERVAL
 from icreckon.estimator.sensors.imu_clock import LEAST_WAIT, ClockRecord, is_due_after, take_stamp
 from icreckon.estimator.tracing.jit_kernel import entry
 
-Bytes = NDArray[np.int8]
 Places = NDArray[np.int32]
 
 # Kinds of steps: propagation up to an IMU sample, an IMU sample alone, propagation alone, and a fix
@@ -80,14 +79,13 @@ def steps_of(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps, *, headi
     reason = why_not_steps(tracks, imu, fixes, ticks)
     if reason is not None:
         raise BatchError(f"filters cannot run side by side over these runs: {reason}")
-    headings = np.full(len(fixes), heading, dtype=np.int8)
     begin, until_end = int(imu[0]), tracks[tracks <= imu[-1]]
-    steps = _walk_from_first_tracks(SensorStamps(until_end, imu, fixes, headings))
+    steps = _walk_from_first_tracks(SensorStamps(until_end, imu, fixes))
     absolute = steps.ends + begin
     is_tick = np.isin(absolute, ticks) & (steps.kinds <= UPDATE)
-    return steps._replace(
-        extras=steps.extras | np.where(is_tick, TICK, 0), ticks=np.searchsorted(ticks, absolute)
-    )
+    extras = steps.extras | np.where(is_tick, TICK, 0)
+    extras |= np.where(heading & (steps.extras > 0), HEADING, 0)
+    return steps._replace(extras=extras, ticks=np.searchsorted(ticks, absolute))
 
 
 class SensorStamps(NamedTuple):
@@ -96,7 +94,6 @@ class SensorStamps(NamedTuple):
     tracks: Stamps  # (n,) of the track speeds
     imu: Stamps  # (m,) of the IMU
     fixes: Stamps  # (k,) of the fixes
-    headings: Bytes  # (k,) 1 for each fix with a heading
 
 
 class Walk(msgspec.Struct):
@@ -112,7 +109,7 @@ class Walk(msgspec.Struct):
 
 def _walk_from_first_tracks(stamps: SensorStamps) -> Steps:
     """Steps of a filter over these stamps [ns], from the first track speeds on."""
-    tracks, imu, fixes, headings = stamps
+    tracks, imu, fixes = stamps
     begin = int(tracks[0])
     most_steps = 2 * (len(tracks) + len(imu)) + len(fixes)
     kinds = [float if name == "intervals" else np.int64 for name in Steps._fields]
@@ -120,7 +117,7 @@ def _walk_from_first_tracks(stamps: SensorStamps) -> Steps:
     state = record_array(Walk(), 1)
     new_clocks = ClockRecord(interval=USUAL_TRACK_INTERVAL), ClockRecord()
     clocks = np.concatenate([record_array(clock, 1) for clock in new_clocks])
-    relative = SensorStamps(tracks - begin, imu - begin, fixes - begin, headings)
+    relative = SensorStamps(tracks - begin, imu - begin, fixes - begin)
     walk_entry(state, clocks, relative, Steps(*columns))
     if state[0]["fails"]:
         raise BatchError("there is an IMU sample at a stamp that the filter has reached without it")
@@ -128,16 +125,16 @@ def _walk_from_first_tracks(stamps: SensorStamps) -> Steps:
 
 
 def walk_stamps(state: Any, clocks: Any, stamps: SensorStamps, steps: Steps) -> None:
-    """Walk through the stamps of runs, which count from the first track speeds.
+    """Make steps from stamps [ns] since the first track speeds.
 
-    `state` (1,) is changed in place; it `fails` if the walk ends early. `clocks` (2,) are those of track
-    speeds and IMU. `steps` are written to, with room for two for each sample and one for each fix.
+    `state` (1,) is a `Walk`, `clocks` (2,) are the `ClockRecord` of tracks and IMU; they are changed.
+    `state.fails` is 1 if the walk ends early. `steps` have room for two per sample and one per fix.
 
     Raises:
         ValueError: an array has the wrong size.
     """
     most = 2 * (len(stamps.tracks) + len(stamps.imu)) + len(stamps.fixes)
-    sizes_fit = len(state) == 1 and len(clocks) == 2 and len(stamps.headings) == len(stamps.fixes)
+    sizes_fit = len(state) == 1 and len(clocks) == 2
     sizes_fit &= min(len(steps.starts), len(steps.ends), len(steps.intervals)) >= most
     sizes_fit &= min(len(steps.kinds), len(steps.extras), len(steps.tracks)) >= most
     sizes_fit &= min(len(steps.samples), len(steps.fixes)) >= most
@@ -156,8 +153,7 @@ def walk_stamps(state: Any, clocks: Any, stamps: SensorStamps, steps: Steps) -> 
         elif stamp == sample:
             walk_to_sample(walk, imu, stamp, steps)
         else:
-            bits = POSITION | (HEADING if stamps.headings[walk.fixes] else 0)
-            walk_to_fix(walk, imu, stamp, bits, steps)
+            walk_to_fix(walk, imu, stamp, steps)
 
 
 def walk_to_tracks(
@@ -186,8 +182,8 @@ def walk_to_sample(walk: Walk, imu: ClockRecord, stamp: int, steps: Steps) -> No
     walk.now = stamp
 
 
-def walk_to_fix(walk: Walk, imu: ClockRecord, stamp: int, bits: int, steps: Steps) -> None:
-    """Add a fix with its `bits` at the end of a step, or ahead of one."""
+def walk_to_fix(walk: Walk, imu: ClockRecord, stamp: int, steps: Steps) -> None:
+    """Add a fix at the end of a step, or ahead of one."""
     number = walk.fixes
     walk.fixes += 1
     if walk.tracks == 0:
@@ -198,7 +194,7 @@ def walk_to_fix(walk: Walk, imu: ClockRecord, stamp: int, bits: int, steps: Step
     if not waits:
         move(walk, imu, stamp, steps)
     step = add_step(walk, imu, stamp, AHEAD, steps) if waits else walk.steps - 1
-    steps.extras[step] |= bits
+    steps.extras[step] = POSITION
     steps.fixes[step] = number
 
 

@@ -49,7 +49,7 @@ class StepKind(NamedTuple):
         return self._replace(twist=True, innovations=True, fast_slip=self.moves)
 
 
-class PredictedPose(NamedTuple):
+class TracedPose(NamedTuple):
     """Predicted pose, see `icreckon.estimator.sensors.predictions.Prediction`."""
 
     values: Sequence[Real]  # (3,) x, y, yaw
@@ -207,7 +207,7 @@ class Step:
             before = lane.row(name)
             lane.stores[name] = before + lane.constant("smoothing") * (value - before)
 
-    def predict_pose(self) -> PredictedPose:
+    def predict_pose(self) -> TracedPose:
         """Predict the pose a step later, see `sensors.predictions.pose_ahead`."""
         lane = self.lane
         dt, now = lane.constant("dt"), self.model
@@ -230,7 +230,7 @@ class Step:
             ]
             for i in range(3)
         ]
-        return PredictedPose([lane.x[i] + step[i] for i in range(3)], rows, covariance)
+        return TracedPose([lane.x[i] + step[i] for i in range(3)], rows, covariance)
 
     def density(self, now: model.TracedTwist) -> Any:
         """Density (3, 3) of the fast slip."""

@@ -20,7 +20,9 @@ from icreckon.estimator.base.choices import select
 DEPARTURE_TIME, DEPARTED_FIXES = 0.5, 2.0
 # Largest departure as a share of the distance driven, and standard deviations of noise beyond that.
 DEPARTURE_SHARE, DEPARTURE_SIGMAS = 1.2, 3.0
-FASTEST_TURN = 0.2  # fastest turn of the path that a wrong gyro explains [rad/s]
+# Largest errors of the yaw [rad] and of the gyro's bias [rad/s] that a departure shows. A slide sideways
+# departs as they do.
+LARGEST_YAW, LARGEST_BIAS = 0.3, 0.1
 SAME_SIDE = 0.8  # least cosine between successive departures, and least ratio of them
 # Least size of a departure over that of the first rejected fix: a jump stays, slip and a turn grow.
 GROWTH = 1.5
@@ -44,14 +46,22 @@ class Departure(NamedTuple):
 
 
 class Indicated(NamedTuple):
-    """Standard deviations of the errors that a departure indicates, with signs."""
+    """Standard deviations, with signs, of the errors of each cause of a departure."""
 
-    along: tuple[Any, Any]  # error of the position along the path, in x and y [m]
-    slip: Any  # error of the slip of v_x, if that causes `along` [m/s]
-    beside: tuple[Any, Any]  # error of the position across the path, in x and y [m]
-    yaw: Any  # error of the yaw, if it causes `beside` and has been the same all the time [rad]
-    # error of the gyro's bias, if it causes `beside`; the yaw is off by twice `yaw` by now then [rad/s]
-    bias: Any
+    # both tracks slip, or the robot slides: error of the position, x, y [m], and of the slip of v_x [m/s]
+    slip: tuple[Any, Any, Any]
+    # the yaw has been wrong all the time: x, y [m], yaw [rad]
+    yaw: tuple[Any, Any, Any]
+    # the gyro's bias has been wrong all the time: x, y [m], yaw [rad], bias [rad/s]
+    bias: tuple[Any, Any, Any, Any]
+
+
+STATES: tuple[tuple[int, ...], ...] = (
+    (s.X, s.Y, s.SLIP_X),
+    (s.X, s.Y, s.YAW),
+    (s.X, s.Y, s.YAW, s.GYRO_BIAS),
+)
+"""States of the errors of each cause, in the order of `Indicated`."""
 
 
 def departure_after(
@@ -104,14 +114,26 @@ def departure_after(
     from_x, from_y = select(departs, before.from_x, path_x), select(departs, before.from_y, path_y)
     after = Departure(select(departs, time, 0.0), from_x, from_y, *z, first)
     ahead, left = beyond_noise(ahead, variance_ahead), beyond_noise(left, variance_left)
-    # A yaw error that grows with time moves the path half as far as one from the start on. A robot that
-    # has slipped and turns on the spot departs as far: over a short distance only a slow turn counts.
-    yaw = left / distance
-    is_slow = yaw * yaw < (FASTEST_TURN * time) * (FASTEST_TURN * time)
-    yaw = select(is_slow | (distance > gauge), yaw, 0.0)
-    slip = select(cos * heading[0] + sin * heading[1] < 0.0, -ahead, ahead) / time
-    along, beside = (cos * ahead, sin * ahead), (-sin * left, cos * left)
-    return after, is_followed, Indicated(along, slip, beside, yaw, -2.0 * yaw / time)
+    # Over a way shorter than the gauge, slip departs as far as a wrong yaw.
+    largest = LARGEST_YAW * min(1.0, distance / gauge)
+    yaw = max(-largest, min(largest, left / distance))
+    # A yaw error that grows with time moves the path half as far as one from the start on.
+    bias = max(-LARGEST_BIAS, min(LARGEST_BIAS, -2.0 * yaw / time))
+    by_yaw, by_bias = yaw * distance, -0.5 * bias * time * distance
+    slip = ahead / time
+    return (
+        after,
+        is_followed,
+        Indicated(
+            (
+                cos * ahead - sin * left,
+                sin * ahead + cos * left,
+                select(cos * heading[0] + sin * heading[1] < 0.0, -slip, slip),
+            ),
+            (-sin * by_yaw, cos * by_yaw, yaw),
+            (-sin * by_bias, cos * by_bias, -bias * time, bias),
+        ),
+    )
 
 
 def are_departing(record: Any) -> bool:
@@ -135,12 +157,3 @@ def beyond_noise(innovation: Any, variance: Any) -> Any:
     """Part of an innovation [m] beyond noise of a variance [m²], with its sign."""
     excess = innovation * innovation - DEPARTURE_SIGMAS * DEPARTURE_SIGMAS * variance
     return select(innovation < 0.0, -1.0, 1.0) * math.sqrt(max(0.0, excess))
-
-
-def errors_by_cause(indicated: Indicated) -> tuple[tuple[tuple[int, ...], tuple[Any, ...]], ...]:
-    """Pairs of states and their errors, for each cause: slip; wrong yaw; gyro bias."""
-    return (
-        ((s.X, s.Y, s.SLIP_X), (*indicated.along, indicated.slip)),
-        ((s.X, s.Y, s.YAW), (*indicated.beside, indicated.yaw)),
-        ((s.X, s.Y, s.YAW, s.GYRO_BIAS), (*indicated.beside, 2.0 * indicated.yaw, indicated.bias)),
-    )

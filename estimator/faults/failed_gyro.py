@@ -79,7 +79,7 @@ def watch_gyro(
         gyro_range: range of the gyro; 0 if unknown [rad/s].
         acceleration: largest angular acceleration that friction can give the robot [rad/s²].
     """
-    dt = (stamp - gyro.stamp) * NANOSECOND if gyro.stamp != NEVER else 0.0
+    dt = (stamp - gyro.stamp) * NANOSECOND
     change = rate - gyro.rate
     is_gap = not 0.0 < dt < LONGEST_INTERVAL
     count_repeats(gyro, turning, reading == gyro.reading and not is_gap)

@@ -146,8 +146,7 @@ def take_wheels(
 
 def turning_by_gyro(spin: SpinRecord, stamp: int) -> tuple[float, float]:
     """Right less left side by the gyro, NaN if not known, and its error [m/s]."""
-    is_recent = spin.stamp != NEVER and abs(stamp - spin.stamp) * NANOSECOND <= LONGEST_INTERVAL
-    if not is_recent or is_found(spin):
+    if abs(stamp - spin.stamp) * NANOSECOND > LONGEST_INTERVAL or is_found(spin):
         return math.nan, 0.0
     width = width_of_bends(spin)
     if width == 0.0:

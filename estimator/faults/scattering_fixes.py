@@ -229,38 +229,41 @@ def measure_scatter(scatter: ScatterRecord) -> None:
     scatter.variance = variance if variance > scatter.stated[scatter.laid - 1] else 0.0
 
 
-def steps_scatter(scatter: ScatterRecord, least: float) -> bool:
+def steps_scatter(scatter: ScatterRecord, ratio: float) -> bool:
     """Return True if most of the newest steps of the fixes differ from the path's.
 
     The path is left as it is, or turned and stretched so that one of its steps equals that of the fixes.
-    A step differs if its squared residual is `least` times the expected one, see `steps_fit`.
+    See `steps_fit`.
     """
     first = max(1, scatter.laid - NEWEST_STEPS)
-    if steps_fit(scatter, first, 1.0 + 0j, least):
+    if steps_fit(scatter, first, 1.0 + 0j, ratio):
         return False
     for k in range(first, scatter.laid):
         path, fixes = path_step(scatter, k), fix_step(scatter, k)
         if min(magnitude(path), magnitude(fixes)) > LEAST_DISTANCE:
             # Complex factor that turns and stretches this step of the path to that of the fixes.
             factor = fixes * path.conjugate() * (1.0 / squared_magnitude(path))
-            if steps_fit(scatter, first, factor, least):
+            if steps_fit(scatter, first, factor, ratio):
                 return False
     return True
 
 
-def steps_fit(scatter: ScatterRecord, first: int, stretch: complex, least: float) -> bool:
-    """Return True if half of the steps fit those of the path, turned by `stretch`."""
-    turn_back, count = stretch.conjugate() * (1.0 / magnitude(stretch)), scatter.laid - first
-    factor = MEDIAN_SQUARE * least * (1.0 + FACTOR_OF_FEW / (count - 1.0) ** 2)
+def steps_fit(scatter: ScatterRecord, first: int, factor: complex, ratio: float) -> bool:
+    """Return True if half of the steps fit the path times a factor.
+
+    They fit along the robot or across it: squared residuals are at most `ratio` times the expected ones.
+    """
+    turn_back, count = factor.conjugate() * (1.0 / magnitude(factor)), scatter.laid - first
+    squares_limit = MEDIAN_SQUARE * ratio * (1.0 + FACTOR_OF_FEW / (count - 1.0) ** 2)
     along = across = 0
     for k in range(first, scatter.laid):
         path = path_step(scatter, k)
         seconds = (scatter.time[k] - scatter.time[k - 1]) * NANOSECOND
         path_error = STEP_ERROR * magnitude(path) * max(1.0, seconds)
         # In the robot's axes: the real part is along it, the imaginary part across.
-        residual = fix_step(scatter, k) - stretch * path
+        residual = fix_step(scatter, k) - factor * path
         residual = residual * unit_number(-scatter.yaw[k]) * turn_back
-        limit = factor * (scatter.stated[k - 1] + scatter.stated[k] + path_error**2)
+        limit = squares_limit * (scatter.stated[k - 1] + scatter.stated[k] + path_error**2)
         along += residual.real**2 <= limit
         across += residual.imag**2 <= limit
     return 2 * max(along, across) >= count

@@ -55,7 +55,7 @@ class SpinRecord(msgspec.Struct):
     jumped: Flag = 0  # 1 if that is the track whose speed jumped when the mismatch began
     since: Stamp = NEVER  # stamp at which the mismatch began [ns], or NEVER
     newest: Stamp = NEVER  # stamp of the newest mismatch [ns], or NEVER
-    way: float = 0.0  # way of the mismatch since it began [m]
+    way: float = 0.0  # distance of the mismatch since it began [m]
     gyro_jumped: Flag = 0  # 1 during a mismatch that began with a jump of the gyro: no spin
     times: Count = 0  # number of times that one was found
     stamp: Stamp = NEVER  # stamp of the newest sample of the gyro [ns], or NEVER
@@ -168,10 +168,9 @@ def watch_spin(
 ) -> None:
     """Add a sample of the IMU, and decide whether a track spins.
 
-    Nothing is decided before the robot's own bends have shown how its tracks turn it: a wrong geometry or
-    swapped sides in the robot file are no spin. Only a track that reads zero is compared with the file's.
-    Such a track is at fault from a smaller mismatch on: a robot rarely brakes one track to
-    exactly zero while the other one spins, and a sensor that fails does so.
+    No spin is reported before the robot's own bends have shown its effective width: a wrong width or
+    swapped sides in the robot file look the same. A track that reads zero is compared with the file's
+    width, and with a lower limit: a sensor that fails reads exactly zero, a braked track rarely does.
 
     Args:
         spin: record, changed in place.
@@ -184,9 +183,8 @@ def watch_spin(
         zero_side: `LEFT` or `RIGHT`, the track that reads zero while the other drives, or `UNKNOWN`.
         file_width: effective track width by the robot file [m].
     """
-    dt = (stamp - spin.stamp) * NANOSECOND if spin.stamp != NEVER else 0.0
-    if not 0.0 < dt < LONGEST_INTERVAL:
-        dt = 0.0
+    dt = (stamp - spin.stamp) * NANOSECOND
+    dt = dt if 0.0 < dt < LONGEST_INTERVAL else 0.0
     rate_change = rate - spin.rate if dt > 0.0 else 0.0
     spin.stamp, spin.rate = stamp, rate
     if force == force:
@@ -223,8 +221,7 @@ def assumed_speeds(spin: SpinRecord, stamp: int, left: float, right: float) -> t
     The turning that the gyro does not confirm is subtracted from the track that spins. As long as it is
     not certain that a track spins, or which one, each gets half of it, which keeps their mean.
     """
-    is_old = spin.stamp == NEVER or (stamp - spin.stamp) * NANOSECOND > LONGEST_INTERVAL
-    if is_old or not is_likely(spin):
+    if (stamp - spin.stamp) * NANOSECOND > LONGEST_INTERVAL or not is_likely(spin):
         return left, right
     excess = right - left - spin.width * spin.rate
     share_of_left = 0.5 * (1.0 - certain_side(spin))

@@ -66,9 +66,9 @@ def relocate(
 ) -> bool:
     """Align a pose (3,) with the rejected fixes; return False if they do not fit.
 
-    The pose [m, m, rad] is changed in place, and the covariance (5, 5) of it and of the wander of the
-    fixes, which restarts at zero, is overwritten. An aligned pose has the present error of the fixes: if
-    they wander, with `wander_sigma` [m], that variance is added to its own, and the two are correlated.
+    The pose [m, m, rad] is changed in place. The covariance (5, 5) of pose and wander of the fixes is
+    overwritten; the wander restarts at zero, with `wander_sigma` [m]. A fix is the position plus the
+    wander, so their errors are opposite: the position gets the wander's variance, and minus that with it.
     """
     fit = aligned_path(rejected)
     if not fit.fits:

@@ -88,7 +88,7 @@ def unequal_sides(tracks: TrackSpeedSeries, stamps: Stamps, rates: Floats) -> Un
         rates: (m,) yaw rates [rad/s].
     """
     left, right = tracks.speeds.T
-    speed, rate = np.abs(tracks.speeds).max(axis=1), turning_at(tracks, stamps, rates, 1.0)
+    speed, rate = np.abs(tracks.speeds).max(axis=1), rates_at(tracks, stamps, rates)
     if np.ptp(rate) == 0.0:
         return None
     # Effective track where one side may read less: the difference that goes with the turning alone.
@@ -162,6 +162,6 @@ def _repeats(readings: Floats, stamps: Stamps) -> Iterator[slice]:
             yield slice(first, last + 2)
 
 
-def turning_at(tracks: TrackSpeedSeries, stamps: Stamps, rates: Floats, width: float) -> Floats:
-    """Turning (n,) by yaw rates (m,) [rad/s], at the stamps of tracks [m/s]."""
-    return np.asarray(np.interp(tracks.stamps, stamps, rates) * width)
+def rates_at(tracks: TrackSpeedSeries, stamps: Stamps, rates: Floats) -> Floats:
+    """Yaw rates (m,) at the stamps (n,) of tracks [rad/s]."""
+    return np.asarray(np.interp(tracks.stamps, stamps, rates))

@@ -52,19 +52,17 @@ def solve(
     Args:
         V_l: speed of the left track [m/s].
         V_r: speed of the right track [m/s].
-        parameters: `icreckon.Indices`, as `robot.indices`, or its values in that order, each of which
-            broadcasts.
+        parameters: values in the order of `icreckon.Indices`, each of which broadcasts.
         vehicle: L, M, x_CM, y_CM, as `robot.constants`.
         form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs).
     """
-    values = parameters.as_array() if hasattr(parameters, "as_array") else parameters
     # eta > 0, so the sign of the yaw rate is that of D.
     S_u, Z_u, is_literal = 1.0, -sign(V_r - V_l), form == "literal"
     if is_literal:
-        # sign(x_1) and sign(x_2) of (14) and (15).
-        Z_u = sign(V_l + values[0] * V_r)
+        # sign(x_1) and sign(x_2) of (14) and (15); the first parameter is H.
+        Z_u = sign(V_l + parameters[0] * V_r)
         S_u = sign(V_l - V_r) * Z_u
-    problem = _Problem(V_r - V_l, 0.5 * (V_l + V_r), values, vehicle, is_literal, S_u, Z_u)
+    problem = _Problem(V_r - V_l, 0.5 * (V_l + V_r), parameters, vehicle, is_literal, S_u, Z_u)
     u = _balance(problem)
     at = _evaluate(u, problem)
     return Motion(at.twist, at.indices, u, at.force)
@@ -107,21 +105,24 @@ def _balance(problem: _Problem) -> Number:
 
 
 def _bisect(problem: _Problem) -> Number:
-    """Zero of u - g(u) by bisection: g is continuous and bounded, as the indices are."""
-    high = 1.0 + 0.0 * problem.D
+    """Zero of u - g(u) by bisection: g is continuous and bounded, as the indices are.
+
+    Sums of products select, for numbers and arrays alike.
+    """
+    high = 1.0 + 0.0 * problem.D  # 1 N for each D
     # Double the interval from -high to high where it does not contain the zero.
     for _ in range(BISECTIONS):
-        is_above = (high - _evaluate(high, problem).g).real < 0.0
-        is_outside = is_above | ((-high - _evaluate(-high, problem).g).real > 0.0)
+        zero_is_above = (high - _evaluate(high, problem).g).real < 0.0
+        is_outside = zero_is_above | ((-high - _evaluate(-high, problem).g).real > 0.0)
         if not some(is_outside):
             break
         high = high * (1.0 + is_outside)
     low = -high
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        is_below = 1.0 * ((middle - _evaluate(middle, problem).g).real < 0.0)
-        low = is_below * middle + (1.0 - is_below) * low
-        high = is_below * high + (1.0 - is_below) * middle
+        middle_is_below = 1.0 * ((middle - _evaluate(middle, problem).g).real < 0.0)
+        low = middle_is_below * middle + (1.0 - middle_is_below) * low
+        high = middle_is_below * high + (1.0 - middle_is_below) * middle
     return 0.5 * (low + high)
 
 

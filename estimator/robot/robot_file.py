@@ -346,6 +346,11 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
         length, width = 2.0 * vehicle.half_contact_length, vehicle.track_gauge
         return vehicle.mass * (length**2 + width**2) / 12.0
 
+    @property
+    def effective_track(self) -> float:
+        """Effective track with constant ICRs [m]."""
+        return self.constant_indices.eta0 * self.vehicle.track_gauge
+
     @cached_property
     def constant_indices(self) -> Indices:
         """Constant ICRs as indices: zeta0, epsilon0, eta0 by (17) to (19), others zero."""

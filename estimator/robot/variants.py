@@ -305,14 +305,12 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
     if variant.model == "linear":
         # Coefficients of both tracks to the right, forward and of the turn are about zeta0, epsilon0
         # and 1, over the gauge times eta0.
-        eta0 = robot.constant_indices.eta0
-        turn = 1.0 / (robot.vehicle.track_gauge * eta0)
+        eta0, turn = robot.constant_indices.eta0, 1.0 / robot.effective_track
         sizes = adaptation.zeta0 * turn, adaptation.epsilon0 * turn, adaptation.eta0 / eta0 * turn
         return np.array([*np.repeat(sizes, 2), 0.0, 0.0, 0.0])
     vehicle, force = robot.vehicle, TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
     # In the fastest bend one track stands. There a prior for slow robots would let eta vary by 10.
-    width = vehicle.track_gauge * robot.constant_indices.eta0
-    fastest = 0.5 * vehicle.mass * vehicle.max_track_speed**2 / width
+    fastest = 0.5 * vehicle.mass * vehicle.max_track_speed**2 / robot.effective_track
     largest = max(force, min(fastest, vehicle.mass * GRAVITY))
     epsilon_F = coulomb_gains(robot).epsilon_F
     sigmas = np.array(

@@ -132,7 +132,6 @@ class OdometryNode:
         self._missing = list(self.live.inputs.subscriptions())
         self._silent = list(self._missing)
         self._inbox = Inbox()
-        self._classes: dict[str, Any] = {}  # of messages, by type
         self._last_message = self._started = time.monotonic()  # [s]
         self._last_slow = 0  # stamp of the last slip and markers [ns]
         self._check_qos()
@@ -240,15 +239,12 @@ class OdometryNode:
             )
 
     def _publisher(self, topic: str, depth: int, msgtype: str, *parts: str) -> Any:
-        """Make a publisher; keep the classes of its messages for `_new`."""
-        for name in (msgtype, *parts):
-            self._classes[name] = message_class(name)
-        return self.node.create_publisher(
-            self._classes[msgtype], topic, depth, qos_overriding_options=overridable()
-        )
+        """Make a publisher; import the classes of its messages and of their parts."""
+        kind, *_ = [message_class(name) for name in (msgtype, *parts)]
+        return self.node.create_publisher(kind, topic, depth, qos_overriding_options=overridable())
 
     def _new(self, msgtype: str) -> Any:
-        return self._classes[msgtype]()
+        return message_class(msgtype)()
 
     def _make_services(self) -> None:
         """Offer to save and to reset, and to take initial poses if there is a map."""

@@ -1,5 +1,6 @@
 """Discovery of the input topics: message type and QoS of their publishers."""
 
+from functools import cache
 from importlib import import_module
 from typing import Any
 
@@ -38,6 +39,7 @@ def find_topic(node: Any, subscription: Subscription) -> tuple[str, str] | None:
     return supported[0].topic_type, "reliable" if are_reliable else "best_effort"
 
 
+@cache
 def message_class(msgtype: str) -> Any:
     """Class of a message type, as "sensor_msgs/msg/Imu".
 

@@ -108,8 +108,8 @@ def over_bag(path: Path, work: Callable[[Bag], T]) -> T:
 
 def _run_over(path: Path, sets: list[list[Path]], notes: list[str], work: Callable[[Bag], T]) -> T:
     """Run a function over a bag, by the first set of files that rosbags can read."""
-    # If there is none, the last set is recovered record by record. `work` may find only while it reads
-    # messages that rosbags cannot read them, and is called again. `notes` go before those of the bag.
+    # rosbags may fail only while `work` reads messages: `work` is called again, with the next set. If all
+    # sets fail, the last one is recovered record by record. `notes` come before those of the bag.
     reason = ""
     for files in sets:
         try:

@@ -150,8 +150,9 @@ def read_definitions(files: Sequence[Path]) -> Definitions:
         except (OSError, UnicodeDecodeError) as problem:
             raise ReplayError(f"{file}: cannot be read: {problem}") from None
         except Exception as error:
-            text = _reason(error)
-            raise ReplayError(f"{file}: not a message definition (.msg): {text}") from None
+            raise ReplayError(
+                f"{file}: not a message definition (.msg): {_reason(error)}"
+            ) from None
         definitions.append((name, text))
     return tuple(definitions)
 

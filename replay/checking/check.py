@@ -119,11 +119,6 @@ def replaced_speeds(log: Log, speeds: Floats) -> Log:
     return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, speeds))
 
 
-def effective_track(robot: Robot) -> float:
-    """Effective track of a robot file, with constant ICRs [m]."""
-    return robot.constant_indices.eta0 * robot.vehicle.track_gauge
-
-
 def measured_track(log: Log, robot: Robot) -> Estimate | None:
     """Effective track by gyro and tracks [m]; None if they turn too little."""
     yaw_rates = comparable_yaw_rates(log, robot)

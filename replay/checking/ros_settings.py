@@ -98,7 +98,7 @@ def twist_errors(logs: Sequence[Log], robot: Robot) -> tuple[Estimate, Estimate]
     Without a truth (v_x) or a gyro (w) they are shares of the usual speeds, as their sources report.
     """
     speeds = np.concatenate([log.tracks.speeds for log in logs] + [np.zeros((1, 2))])
-    rates = (speeds[:, 1] - speeds[:, 0]) / check.effective_track(robot)
+    rates = (speeds[:, 1] - speeds[:, 0]) / robot.effective_track
     usual_speed, usual_rate = np.sqrt(np.mean(speeds**2, axis=0)).mean(), np.sqrt(np.mean(rates**2))
     forward = Estimate(SHARE_FORWARD * float(usual_speed), None, BY_DEFAULT)
     turning = Estimate(SHARE_TURNING * float(usual_rate), None, BY_DEFAULT)
@@ -120,7 +120,7 @@ def _turning_errors(log: Log, robot: Robot) -> Floats:
     tracks = log.tracks
     left, right = (np.interp(stamps, tracks.stamps, side) for side in tracks.speeds.T)
     is_moving = np.interp(stamps, tracks.stamps, np.abs(tracks.speeds).max(axis=1)) > 0.0
-    errors = ((right - left) / check.effective_track(robot) - rates)[is_moving]
+    errors = ((right - left) / robot.effective_track - rates)[is_moving]
     # The mean is mostly the gyro's bias.
     return np.asarray(errors - errors.mean() if len(errors) else errors)
 

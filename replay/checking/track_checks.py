@@ -13,8 +13,8 @@ from icreckon.estimator.log.failed_sensors import (
     RIGHT,
     StuckSide,
     UnequalSides,
+    rates_at,
     stuck_sides,
-    turning_at,
     unequal_sides,
 )
 from icreckon.estimator.log.lag import Lag
@@ -30,7 +30,6 @@ from icreckon.replay.checking.check import (
     Correction,
     Measured,
     comparable_yaw_rates,
-    effective_track,
     force_in_base,
     has_track_rates,
     imu_yaw_rates,
@@ -102,8 +101,7 @@ def _stuck_sides(log: Log, robot: Robot) -> tuple[list[StuckSide], Floats]:
     """Stuck sides, and V_r - V_l (n,) by the gyro [m/s]; no sides without a gyro."""
     if log.imu is None:
         return [], np.zeros(len(log.tracks.stamps))
-    yaw_rates = imu_yaw_rates(log.imu, robot)
-    turning = turning_at(log.tracks, *yaw_rates, effective_track(robot))
+    turning = robot.effective_track * rates_at(log.tracks, *imu_yaw_rates(log.imu, robot))
     return stuck_sides(log.tracks, turning), turning
 
 
@@ -154,7 +152,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
             check = replace(check, in_log=f"{in_log}: unclear")
         yield _unclear_turning(log, yaw_rates, robot, check)
         return
-    spread = float(difference.std()) / effective_track(robot)
+    spread = float(difference.std()) / robot.effective_track
     ratio = float(rates.std()) / spread if spread else 0.0
     lowest, highest = DEGREES
     # Where the gyro agrees with a truth, `check_scale` names the unit of the tracks.
@@ -461,7 +459,7 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
     """Effective track, by gyro and tracks."""
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
-    estimate, stated = measured_track(log, robot), effective_track(robot)
+    estimate, stated = measured_track(log, robot), robot.effective_track
     in_file = f"{stated:.2f} m"
     if estimate is None:
         yield Check(TRACK, in_file, "not seen: tracks and gyro turn too little, or not alike")

@@ -34,7 +34,7 @@ class Bound(NamedTuple):
 class LogPart(NamedTuple):
     """A part of a log; `parse_part` makes one of a text such as "0:40%"."""
 
-    start: Bound  # (value, is_share): seconds since the log's start, or a share of its duration
+    start: Bound
     end: Bound
 
 
@@ -84,14 +84,14 @@ def with_fixes_within(log: Log, part: LogPart) -> Log:
     """
     start, end = part.start.stamp(log), part.end.stamp(log)
     if not start < end:
-        raise ReplayError("the part of the log that fixes are to be used in is empty")
+        raise ReplayError("the interval for fixes is empty")
     fixes = log.fixes if log.fixes is not None else _fixes_from_truth(log)
     inside = (fixes.stamps >= start) & (fixes.stamps <= end)
     if not inside.any():
         first, last = ((fixes.stamps[[0, -1]] - log.start) * NANOSECOND).tolist()
         raise ReplayError(
-            f"the part of the log that fixes are to be used in holds none of its {len(inside)} fixes, "
-            f"which come from {first:.0f} to {last:.0f} s of {log.duration:.0f} s"
+            f"the interval for fixes has none of the log's {len(inside)} fixes, "
+            f"which are from {first:.0f} to {last:.0f} s of {log.duration:.0f} s"
         )
     others = [
         measurement

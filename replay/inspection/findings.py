@@ -158,26 +158,28 @@ def unit_suspicions(estimates: LogEstimates, log: Log) -> Iterator[str]:
             guess = wheels.unit_of_gravity(force)
             yield f"mean specific force is {force:.3g}, not {wheels.GRAVITY} m/s²{guess}"
     if log.imu is not None:
-        fast = wheels.fast_turning(log.imu)
-        if fast > wheels.FAST_TURNING:
-            yield f"the gyro reads {fast:.3g} and more for 1 % of the time; rad/s, or rather deg/s?"
+        rate_99 = wheels.fast_turning(log.imu)
+        if rate_99 > wheels.FAST_TURNING:
+            yield f"the gyro reads {rate_99:.3g} and more for 1 % of the time; rad/s, or rather deg/s?"
     yaw_rates = estimates.yaw_rates
-    if estimates.mapping.from_twist and yaw_rates is not None and len(log.tracks.stamps) > 1:
-        suspicion = wheels.turning_suspicion(log.tracks, yaw_rates)
-        yield from [suspicion] if suspicion else []
+    has_turning = estimates.mapping.from_twist and len(log.tracks.stamps) > 1
+    if has_turning and yaw_rates and (text := wheels.turning_suspicion(log.tracks, yaw_rates)):
+        yield text
     if len(log.tracks.speeds):
-        fast = float(np.percentile(np.abs(log.tracks.speeds), 99))
-        if in_rates and fast > FAST_RATE and not estimates.mapping.lacks_counts_per_turn:
+        speed_99 = float(
+            np.percentile(np.abs(log.tracks.speeds), 99)
+        )  # [m/s], or [rad/s] for rates
+        if in_rates and speed_99 > FAST_RATE and not estimates.mapping.lacks_counts_per_turn:
             yield (
-                f"wheel rates of {fast:.3g} rad/s: in another unit (rpm, deg/s, counts), or of motors "
-                "before a gear (scale in [log.tracks])?"
+                f"wheel rates of {speed_99:.3g} rad/s: in another unit (rpm, deg/s, counts), or of "
+                "motors before a gear (scale in [log.tracks])?"
             )
-        if not in_rates and fast > FAST_SPEED:
-            yield f"track speeds of {fast:.3g}; m/s, or rather mm/s?"
-    distance = estimates.wheels.distance
-    if not in_rates and distance is not None and not 0.5 < distance.value < 2.0:
-        size = f"{distance.value:.3g} times that of the track speeds"
-        yield f"the distance over ground is {size}, by the {distance.source}"
+        if not in_rates and speed_99 > FAST_SPEED:
+            yield f"track speeds of {speed_99:.3g}; m/s, or rather mm/s?"
+    ratio = estimates.wheels.distance
+    if not in_rates and ratio is not None and not 0.5 < ratio.value < 2.0:
+        size = f"{ratio.value:.3g} times that of the track speeds"
+        yield f"the distance over ground is {size}, by the {ratio.source}"
 
 
 def _rate_findings(track: TrackByRate | None) -> Iterator[str]:

@@ -11,7 +11,7 @@ from msgspec import to_builtins
 
 from icreckon.estimator.base.array_types import NANOSECOND, true_runs
 from icreckon.estimator.base.config import convert
-from icreckon.estimator.log.failed_sensors import StuckSide, stuck_sides, turning_at, working_imu
+from icreckon.estimator.log.failed_sensors import StuckSide, rates_at, stuck_sides, working_imu
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
@@ -209,7 +209,7 @@ def _measured(estimates: LogEstimates, log: Log) -> LogEstimates:
     if shows_wheels and yaw_rates is not None:
         wheels = wheel_estimates(aligned, yaw_rates, correlation)
         if wheels.track is not None:
-            turning = turning_at(aligned.tracks, *yaw_rates, wheels.track.value)
+            turning = wheels.track.value * rates_at(aligned.tracks, *yaw_rates)
     stuck = stuck_sides(aligned.tracks, turning)
     sound = longest_without(aligned, stuck)
     if sound is not aligned and shows_wheels and yaw_rates is not None:

@@ -68,17 +68,16 @@ def number_paths(message: Any, depth: int = 3) -> dict[str, str]:
     lists = [value for value in lists if all(isinstance(one, str) for one in value)]
     paths: dict[str, str] = {}
     for name, value in fields.items():
-        parts = [(name, value, "")]
+        elements = [(name, value, "")]
         if isinstance(value, list | tuple | np.ndarray) and len(value) <= SHORT:
             texts = next((one for one in lists if len(one) == len(value)), [""] * len(value))
-            parts = [(f"{name}[{place}]", value[place], text) for place, text in enumerate(texts)]
-        for path, part, text in parts:
-            is_number = isinstance(part, int | float | np.number)
-            inner = {} if is_number or depth == 1 else number_paths(part, depth - 1)
-            found = (
-                {path: ""} if is_number else {f"{path}.{one}": its for one, its in inner.items()}
-            )
-            paths |= {one: " ".join([*own, text, its]) for one, its in found.items()}
+            elements = [(f"{name}[{k}]", value[k], text) for k, text in enumerate(texts)]
+        for path, element, text in elements:
+            if isinstance(element, int | float | np.number):
+                paths[path] = " ".join([*own, text, ""])
+            elif depth > 1:
+                for inner, inner_text in number_paths(element, depth - 1).items():
+                    paths[f"{path}.{inner}"] = " ".join([*own, text, inner_text])
     return paths
 
 

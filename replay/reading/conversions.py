@@ -241,10 +241,10 @@ def velocities(stamps: Stamps, rows: Floats, mapped: VelocityTopic) -> list[Body
 
     Poses need two rows for a velocity.
     """
-    place = mapped.sigma, mapped.position, math.radians(mapped.yaw_deg)
-    if np.isnan(rows[:, 0]).all():
-        return of_twists(stamps, rows[:, TWIST], *place)
-    return body_velocities(PoseSeries(stamps, planar_poses(rows)), *place)
+    sensor = mapped.sigma, mapped.position, math.radians(mapped.yaw_deg)
+    if np.isnan(rows[:, 0]).all():  # no x: twists
+        return of_twists(stamps, rows[:, TWIST], *sensor)
+    return body_velocities(PoseSeries(stamps, planar_poses(rows)), *sensor)
 
 
 def fit_for_truth(variances: Floats) -> NDArray[np.bool_]:

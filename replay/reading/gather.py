@@ -54,7 +54,7 @@ class Gathered:
         self.found.update(of_file.found)
         for purpose, stream in of_file.streams.items():
             known = self.streams.get(purpose)
-            # Tables that lack columns are joined, unless one table has all of them: it is used alone.
+            # A table with all columns is used alone; others like it, that lack some, are joined.
             if known is None or (known.missing and not stream.missing):
                 self.streams[purpose] = stream
             elif known.missing or known.joins or not stream.missing:

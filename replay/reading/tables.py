@@ -295,7 +295,10 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         stream.missing = set(names) - there
         stream.lose("no time", int((has_value & ~timed).sum()))
         column, kept = f"{table.path.name}: column {time!r}", stamps[is_kept]
-        notes = _coarse(column, kept), _wrong_unit(column, kept) if purpose in SAMPLED else None
+        notes = (
+            _resolution_note(column, kept),
+            _wrong_unit(column, kept) if purpose in SAMPLED else None,
+        )
         earlier_notes = {note for earlier in streams for note in earlier.notes}
         stream.notes += [note for note in notes if note and note not in earlier_notes]
         stream.msgtype, rows = _rows(spec, values)
@@ -313,12 +316,12 @@ def _wrong_unit(column: str, stamps: Stamps) -> str | None:
     return f"{OF_STAMPS}{column} has a row every {step:.3g} s: is time_unit right?"
 
 
-def _coarse(column: str, stamps: Stamps) -> str | None:
+def _resolution_note(column: str, stamps: Stamps) -> str | None:
     """Note on stamps (n,) with too few digits; an EqualStampsError if all are equal."""
     times = np.unique(stamps)
-    rounded = ((step, np.round(times / step) * step) for step in RESOLUTIONS)
-    fits = (step for step, grid in rounded if np.abs(times - grid).max(initial=0) < ROUNDING)
-    resolution = next(fits, None)
+    # The largest power of ten [ns] that divides all times.
+    errors = ((step, np.abs(times - np.round(times / step) * step)) for step in RESOLUTIONS)
+    resolution = next((step for step, error in errors if error.max(initial=0) < ROUNDING), None)
     are_distinct = len(times) > (1.0 - MOST_REPEATED) * len(stamps)
     if resolution is None or are_distinct or len(stamps) < 3:
         return None

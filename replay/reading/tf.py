@@ -128,8 +128,8 @@ class TransformStream(Stream):
             parent, child = stamped.header.frame_id.strip("/"), stamped.child_frame_id.strip("/")
             at, q = stamped.transform.translation, stamped.transform.rotation
             row = (at.x, at.y, at.z, q.x, q.y, q.z, q.w)
-            size = float(np.linalg.norm(row[3:]))
-            if not (np.isfinite(row).all() and size > 1e-6):
+            norm = float(np.linalg.norm(row[3:]))
+            if not (np.isfinite(row).all() and norm > 1e-6):
                 self.lose("tf: not finite or no rotation")
                 continue
             if topic != self.topic:
@@ -138,7 +138,7 @@ class TransformStream(Stream):
             stamp = stamp_of(stamped.header)
             link = self._links.setdefault((parent, child), Rows())
             link.values.extend(row)
-            # Those of the stream show its clock.
+            # `_rows` has the stamps of all links, which show the clock of the stream.
             for rows in (link, self._rows):
                 rows.recorded.append(recorded)
                 rows.stamped.append(stamp)

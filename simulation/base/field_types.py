@@ -14,11 +14,11 @@ from icreckon.simulation.base.errors import SimulationError
 def settle_types(data: msgspec.Struct, field: str = "{}") -> None:
     """Convert every field of a new structure to its declared type, if lossless.
 
-    Integers become floats, lists tuples, NumPy's scalars and arrays plain numbers, paths strings.
+    Integers become floats, lists become tuples, paths become strings, NumPy's values plain numbers.
 
     Args:
         data: the structure, as in its `__post_init__`; changed in place.
-        field: format of the names of fields in messages about bounds.
+        field: template of a field's name in messages about bounds, as "{} of a patch".
 
     Raises:
         SimulationError: a value of another type or out of its bounds; the message names the field.

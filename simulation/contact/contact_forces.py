@@ -293,10 +293,10 @@ def newton_of_many(
 ) -> None:
     """Newton's iteration with step halving, until solved, stuck, or out of steps.
 
-    Guesses `twist` (n, 3) [m/s, m/s, rad/s] for track speeds V (n, 2) [m/s] are overwritten with the
-    best ones, and `residual` (n,) with their largest component of the balance, as a share of the weight
-    (moments: of the weight times half the gauge), and `tipping` (n,) by whether the vehicle tips. A pair
-    is solved at `tolerance`; `steps` are evaluations after the first.
+    `twist` (n, 3), right, forward, yaw [m/s, m/s, rad/s], has guesses for track speeds V (n, 2) [m/s]; it
+    is changed to the best ones. `residual` (n,) gets the largest component of the balance over the weight
+    (moments: over the weight times half the gauge), and `tipping` (n,) whether the vehicle tips. A pair
+    ends at `tolerance`, or after `steps` evaluations beyond the first.
 
     Raises:
         ValueError: an array has the wrong size.
@@ -311,7 +311,7 @@ def newton_of_many(
     values, jacobian = np.empty(3), np.empty((3, COLUMNS))
     step, trial = np.empty(3), np.empty(3)
     for pair in range(len(V)):
-        step_share, merit = 1.0, np.inf
+        step_share, best_squares = 1.0, np.inf
         trial[:] = twist[pair]
         step[:] = 0.0
         for _ in range(steps + 1):
@@ -321,8 +321,8 @@ def newton_of_many(
             tips = add_steady_balance(ground, trial_twist, speeds, pressing, values, jacobian)
             values *= unit
             squares = (values * values).sum()
-            if squares < (1.0 - SUFFICIENT_DECREASE * step_share) * merit:
-                merit = squares
+            if squares < (1.0 - SUFFICIENT_DECREASE * step_share) * best_squares:
+                best_squares = squares
                 twist[pair], tipping[pair] = trial, tips
                 residual[pair] = np.abs(values).max()
                 if residual[pair] <= tolerance:
@@ -386,7 +386,7 @@ def _pressure_plane(inverse: Floats, weight: float, x: Any, y: Any) -> tuple[Any
 
 @compiled
 def _invert_moments(ground: Ground, active: NDArray[np.bool_], inverse: Floats) -> None:
-    """Compute the inverse (3, 3) of the active points' moments of 1, x, y, in place."""
+    """Set `inverse` (3, 3) to that of the moments of 1, x, y of the active points."""
     n = s_x = s_y = xx = xy = yy = 0.0  # moments of 1, x, y, x², xy, y²
     for i in range(len(active)):
         if active[i]:
@@ -399,14 +399,13 @@ def _invert_moments(ground: Ground, active: NDArray[np.bool_], inverse: Floats) 
             yy += share * y * y
     half, rear, front = ground.outline
     reach = 0.5 * (front - rear)
-    c_00, c_01, c_02 = xx * yy - xy * xy, xy * s_y - s_x * yy, s_x * xy - xx * s_y
-    determinant = n * c_00 + s_x * c_01 + s_y * c_02
-    if determinant < RIDGE * half * half * reach * reach:
-        n += RIDGE
-        xx += RIDGE * half * half
-        yy += RIDGE * reach * reach
+    for ridge in (0.0, RIDGE):
+        n, xx, yy = n + ridge, xx + ridge * half * half, yy + ridge * reach * reach
+        # Cofactors of the first row.
         c_00, c_01, c_02 = xx * yy - xy * xy, xy * s_y - s_x * yy, s_x * xy - xx * s_y
         determinant = n * c_00 + s_x * c_01 + s_y * c_02
+        if determinant >= RIDGE * half * half * reach * reach:
+            break
     inverse[0, 0] = c_00 / determinant
     inverse[0, 1] = inverse[1, 0] = c_01 / determinant
     inverse[0, 2] = inverse[2, 0] = c_02 / determinant

@@ -70,7 +70,7 @@ def study_figures(results: Results) -> list[Picture]:
     others = ", over all else that is swept" if len(swept(results)) > 1 else ""
     is_grid = len(swept(results)) == 2 and not any(axis["sampled"] for axis, _ in swept(results))
     if is_grid and _has_values(results, drift):
-        figures.append(_grid(results))
+        figures.append(_draw_drift_grid(results))
     for axis, effect in swept(results):
         name = re.sub(r"[^A-Za-z0-9]+", "-", axis["name"]).strip("-").lower()
         for prefix, statistic in (("drift", drift), ("final-error", FINAL_ERROR)):
@@ -152,7 +152,7 @@ def _draw_effect(
             axes.plot(cell_x, cell_means, ".", color=colour, ms=4, alpha=0.5)
         means.append(mean)
         highs.append(np.fmax(mean, high))
-    _limit(axes, np.concatenate(means), np.concatenate(highs))
+    _limit_y(axes, np.concatenate(means), np.concatenate(highs))
     _label_places(axes, axis, groups, places)
     axes.set(xlabel=with_unit(axis["name"]), ylabel=y_label)
     _add_legend(axes)
@@ -191,17 +191,18 @@ def _mark_missing(axes: Axes, places: Any, values: Any, colour: str) -> None:
     axes.plot(missing, np.full(len(missing), 0.03), "x", **style)
 
 
-def _grid(results: Results) -> Picture:
+def _draw_drift_grid(results: Results) -> Picture:
     """Draw the drift in each cell of two swept axes, with a panel for each variant."""
     drift, variants = results["drift"], results["variants"]
     # The first axis goes down, the second one to the right.
     (row_axis, row_effect), (column_axis, column_effect) = swept(results)
     row_names = [group["name"] for group in row_effect["groups"]]
     column_names = [group["name"] for group in column_effect["groups"]]
-    drifts = {label: _drift_grid(results, label) for label in variants}
+    drifts = {label: _mean_drifts(results, label) for label in variants}
     finite = np.concatenate([values[np.isfinite(values)] for values in drifts.values()])
     panel_columns = min(len(variants), 2)
     panel_rows = math.ceil(len(variants) / panel_columns)
+    # Lengths in inches.
     panel_width, panel_height = 0.7 * len(column_names) + 0.6, 0.5 * len(row_names) + 1.2
     size = (max(SIZE[0], 1.2 + panel_columns * panel_width), panel_rows * max(2.6, panel_height))
     with drawing(size, STYLE | {"axes.grid": False}) as figure:
@@ -234,7 +235,7 @@ def _grid(results: Results) -> Picture:
         return Picture("drift-grid", caption, png(figure, METADATA))
 
 
-def _drift_grid(results: Results, label: str) -> Any:
+def _mean_drifts(results: Results, label: str) -> Any:
     """Mean drift (rows, columns) of a variant [%], NaN if unknown, by two swept axes."""
     (_, row_effect), (_, column_effect) = swept(results)
     means = []
@@ -323,8 +324,8 @@ def _draw_distribution(axes: Axes, results: Results) -> None:
     _add_legend(axes)
 
 
-def _limit(axes: Axes, means: Any, highs: Any) -> None:
-    """Limit the axis to all means, and to ends of intervals that do not dwarf them."""
+def _limit_y(axes: Axes, means: Any, highs: Any) -> None:
+    """Limit the y axis: all means, ends of intervals to 2.5 times the highest one."""
     means, highs = means[np.isfinite(means)], highs[np.isfinite(highs)]
     if not len(means):
         return

@@ -11,15 +11,16 @@ from hypothesis import strategies as st
 from agreement_scenes import with_poses
 from conftest import thorough
 from faulty_drives import errors, rotated, with_rates
-from icreckon import FixSpec, Log, PoseEstimator, Scenario, Settings, run, simulate
+from icreckon import FixSpec, Log, PoseEstimator, Scenario, Settings, Terrain, run, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.faults.departing_fixes import (
     DEPARTURE_SIGMAS,
+    LARGEST_BIAS,
+    LARGEST_YAW,
     Departure,
     Indicated,
     departure_after,
-    errors_by_cause,
 )
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
 from icreckon.estimator.filter.process_noise import GROUND_TIME, lasting_slip
@@ -127,12 +128,11 @@ def test_it_turns_and_moves_with_all(yaw, x, y, ahead, left):
     for before, after in (
         ((departure.by_x, departure.by_y), (other.by_x, other.by_y)),
         ((departure.from_x, departure.from_y), (other.from_x - x, other.from_y - y)),
-        (shown.along, same.along),
-        (shown.beside, same.beside),
+        *((one[:2], another[:2]) for one, another in zip(shown, same, strict=True)),
     ):
         assert after == pytest.approx(tuple(turn @ before), abs=1e-9)
-    expected = shown.slip, shown.yaw, shown.bias
-    assert (same.slip, same.yaw, same.bias) == pytest.approx(expected, abs=1e-9)
+    for one, another in zip(shown, same, strict=True):
+        assert another[2:] == pytest.approx(one[2:], abs=1e-9)
 
 
 @given(ahead=st.floats(-0.5, 0.5), left=st.floats(-0.5, 0.5))
@@ -142,30 +142,41 @@ def test_the_mirrored_robot_and_one_that_drives_backwards(ahead: float, left: fl
     mirrored, _, other = departed([(k * ahead, -k * left) for k in (1, 2, 3)])
     back, _, reversing = departed([(k * ahead, k * left) for k in (1, 2, 3)], speed=-SPEED)
     assert plain == mirrored == back
-    assert (other.slip, other.yaw, other.bias) == (shown.slip, -shown.yaw, -shown.bias)
-    assert (reversing.slip, reversing.yaw) == pytest.approx((-shown.slip, shown.yaw))
+    mirror = [1.0, -1.0]
+    assert other.slip == pytest.approx((*np.multiply(shown.slip[:2], mirror), shown.slip[2]))
+    for one, another in ((shown.yaw, other.yaw), (shown.bias, other.bias)):
+        assert another == pytest.approx((*np.multiply(one[:2], mirror), *np.negative(one[2:])))
+    assert reversing.slip == pytest.approx((*shown.slip[:2], -shown.slip[2]))
+    assert (reversing.yaw, reversing.bias) == (shown.yaw, shown.bias)
 
 
 def test_a_path_that_turns_too_far_left_shows_a_larger_bias() -> None:
     """The fixes lie to its right: the yaw is smaller, and the bias of the gyro larger."""
-    _, _, shown = departed([(0.0, -0.2), (0.0, -0.5), (0.0, -0.9)])
-    assert shown.slip == 0.0
-    left = math.sqrt(0.9**2 - (DEPARTURE_SIGMAS * LEFT) ** 2)
-    assert shown.yaw == pytest.approx(-left / 1.5)
-    assert shown.bias == pytest.approx(2.0 * left / 1.5 / 3.0)
-    by_slip, by_yaw, by_bias = errors_by_cause(shown)
-    assert by_yaw == ((s.X, s.Y, s.YAW), (0.0, pytest.approx(-left), shown.yaw))
-    assert by_bias[0] == (s.X, s.Y, s.YAW, s.GYRO_BIAS)
-    assert by_bias[1][2:] == (2.0 * shown.yaw, shown.bias)
-    assert by_slip == ((s.X, s.Y, s.SLIP_X), (0.0, 0.0, 0.0))
+    _, _, shown = departed([(0.0, -0.1), (0.0, -0.15), (0.0, -0.2)])
+    left = math.sqrt(0.2**2 - (DEPARTURE_SIGMAS * LEFT) ** 2)
+    assert shown.yaw == pytest.approx((0.0, -left, -left / 1.5))
+    # The bias has turned the path for 3 s: the yaw is off by twice as much by now.
+    assert shown.bias == pytest.approx((0.0, -left, -2.0 * left / 1.5, 2.0 * left / 1.5 / 3.0))
+
+
+def test_a_slide_departs_too_and_yaw_and_bias_have_limits() -> None:
+    """All of 1 m to the side over a way of 1.5 m, and 20 cm over one of 30 cm, were a wrong yaw."""
+    _, _, shown = departed([(0.0, 0.3), (0.0, 0.6), (0.0, 1.0)])
+    left = math.sqrt(1.0 - (DEPARTURE_SIGMAS * LEFT) ** 2)
+    assert shown.slip == pytest.approx((0.0, left, 0.0))
+    assert shown.yaw == pytest.approx((0.0, 1.5 * LARGEST_YAW, LARGEST_YAW))
+    assert shown.bias[2:] == pytest.approx((3.0 * LARGEST_BIAS, -LARGEST_BIAS))
+    # A turn that begins with the departure moves the path by half of it.
+    assert shown.bias[:2] == pytest.approx((0.0, 0.5 * 1.5 * 3.0 * LARGEST_BIAS))
+    _, _, short = departed([(0.0, 0.1), (0.0, 0.15), (0.0, 0.2)], speed=0.1)
+    assert short.yaw[2] == pytest.approx(LARGEST_YAW * 0.3 / GAUGE)
 
 
 def test_a_robot_that_stays_behind_shows_slip() -> None:
     _, _, shown = departed([(-0.5, 0.0), (-1.0, 0.0), (-1.5, 0.0)])
     behind = math.sqrt(1.5**2 - (DEPARTURE_SIGMAS * AHEAD) ** 2)
-    assert shown.along == (pytest.approx(-behind), 0.0)
-    assert shown.slip == pytest.approx(-behind / 3.0)
-    assert shown.yaw == shown.bias == 0.0
+    assert shown.slip == pytest.approx((-behind, 0.0, -behind / 3.0))
+    assert {*shown.yaw, *shown.bias} == {0.0}
 
 
 def test_slip_may_have_lasted_since_the_last_fix() -> None:
@@ -275,6 +286,17 @@ def test_a_robot_that_slips_and_turns_on_the_spot_keeps_its_yaw(variant, drive):
     log = braking_and_turning(*drive)
     _, _, yaw = errors(run(log, load_robot(drive[0]), variant), log)
     assert yaw.max() < math.radians(8.0)
+
+
+def test_a_robot_that_slides_down_a_slope_keeps_its_yaw(robot: Robot) -> None:
+    """Healthy sensors: slides of 5 to 10 cm/s became a bias of 0.5 rad/s, and 150 and 180° of yaw."""
+    for seed, slope in ((604, 10.0), (506, 15.0)):
+        terrain = Terrain(slope_deg=slope, uphill_deg=40.0)
+        log = simulate(Scenario(seed=seed, duration=60.0, terrain=terrain), robot)
+        one = run(log, robot, "inertia-online")
+        seconds, _, yaw = errors(one, log)
+        assert yaw.max() < math.radians(60.0)
+        assert (yaw < 3.0 * one.state_sigmas[:, s.YAW])[seconds > 5.0].mean() > 0.75
 
 
 def test_a_burst_of_wrong_fixes_does_not_move_the_pose(robot: Robot) -> None:

@@ -132,7 +132,7 @@ def test_what_is_not_one_recording_is_refused(tmp_path: Path, other: Log, match:
 
 
 def test_a_part_without_fixes_is_refused() -> None:
-    with pytest.raises(ReplayError, match=r"holds none of its \d+ fixes, which come from"):
+    with pytest.raises(ReplayError, match=r"has none of the log's \d+ fixes, which are from"):
         with_fixes_within(make_log(6.0), parse_part("500:600"))
 
 

@@ -321,7 +321,7 @@ def test_a_large_nees_is_explained_where_it_stands(results, grid, knows, noise_i
 def test_a_grid_has_the_drift_of_each_cell(results, monkeypatch):
     drawn = {}
     monkeypatch.setattr(study_drawings, "png", lambda figure, *_: drawn.update(of=figure) or b"")
-    study_drawings._grid(results)
+    study_drawings._draw_drift_grid(results)
     panels = {one.get_title(): one for one in drawn["of"].axes if one.get_title()}
     assert list(panels) == results["variants"]
     rows, columns = ([one["name"] for one in axis["groups"]] for axis in results["effects"])
