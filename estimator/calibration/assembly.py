@@ -24,7 +24,7 @@ from icreckon.estimator.robot.robot_file import Robot
 Refit = Callable[[str, dict[str, float], frozenset[str]], Fit]
 """Fit of a model: its name, initial values, parameters to hold at these."""
 
-LEAST_SHIFT = 0.1  # standard errors between a found and a written value that are noted [-]
+LEAST_SHIFT = 0.1  # least difference of found and written value to note, in standard errors [-]
 LEAST_CHANGE = 1e-3
 """A larger shift of the centre of mass [m] changes the meaning of the inertia-based parameters; a larger
 change of a scale [-] changes the meaning of all parameters."""
@@ -54,8 +54,8 @@ MOUNTING_KEYS = {
     **dict.fromkeys(("forward", "left"), "position"),
 }
 """Keys of the IMU's mounting, by the names of their parts in the results."""
-# Spread of parameters between logs: other ground, load, tyre pressure. One log cannot show it. The
-# figures are those of three robots, measured by `benchmarks/between_logs.py`: four logs of a Warthog on
+# Spread of parameters between logs on other ground, with other load or tyre pressure, which one log does
+# not contain. Measured for three robots by `benchmarks/between_logs.py`: four logs of a Warthog on
 # grass and asphalt, four parts of a log each of the tracked Marmotte and of a Husky with deflated tyres.
 SIGMA_SHARES = {
     "sprocket_radius": 0.01,
@@ -104,7 +104,7 @@ def assembled(
     chosen = shared[comparison.supported]
     supported = _supported_fits(fits, comparison)
     common_names = [name for name in COMMON_NAMES if name in chosen.problem.names]
-    # What one model takes for a latency another explains by inertia: a value of the file is kept unless
+    # One model explains by a latency what another explains by inertia: a value of the file is kept unless
     # all models that may be right contradict it.
     kept = frozenset[str]().union(*(fit.not_contradicted(common_names) for fit in supported))
     new = common_values.with_common(robot, chosen, radii, supported, speeds_by_radius, kept)
@@ -121,7 +121,9 @@ def assembled(
     refitted = dict(shared)
     for name in ("constant", "inertia"):
         if name in fits:
-            refitted[name], new, kept_indices = _written(shared[name], name, new, held, refit)
+            refitted[name], new, kept_indices = _written_to_file(
+                shared[name], name, new, held, refit
+            )
             kept_names |= _result_names(name, kept_indices, shared[name])
     rows = _parameters(robot, new, fits, refitted, chosen, radii, speeds_by_radius)
     richest = fits.get("inertia", fits["constant"])
@@ -141,7 +143,7 @@ def assembled(
     )
 
 
-def _written(
+def _written_to_file(
     shared_fit: Fit, name: str, new: Robot, held: dict[str, float], refit: Refit
 ) -> tuple[Fit, Robot, frozenset[str]]:
     """Refit a model with held common values, and put it into the new robot file.
@@ -191,14 +193,14 @@ def _is_default(robot: Robot, name: str) -> bool:
 
 
 def _result_names(model: str, kept_indices: frozenset[str], fit: Fit) -> set[str]:
-    """Names in the results that stay, since all free indices behind them do."""
+    """Names of results whose free indices are all kept at the file's values."""
     if model == "inertia":
         return {f"indices.{name}" for name in kept_indices}
     both = {"epsilon0", "eta0"}
-    needed_indices = {"constant_icr.x_ICRl": both, "constant_icr.x_ICRr": both}
-    needed_indices |= {"constant_icr.y_ICR": {"zeta0"}, "effective_track": {"eta0"}}
-    of_free = {name: set(filter(fit.is_free, needed)) for name, needed in needed_indices.items()}
-    return {name for name, needed in of_free.items() if needed and needed <= kept_indices}
+    indices_of = {"constant_icr.x_ICRl": both, "constant_icr.x_ICRr": both}
+    indices_of |= {"constant_icr.y_ICR": {"zeta0"}, "effective_track": {"eta0"}}
+    free = {result: set(filter(fit.is_free, indices)) for result, indices in indices_of.items()}
+    return {result for result, indices in free.items() if indices and indices <= kept_indices}
 
 
 def with_difference(fits: Mapping[str, Fit], difference: float, refit: Refit) -> dict[str, Fit]:

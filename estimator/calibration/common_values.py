@@ -16,14 +16,14 @@ CERTAIN = 1.96  # number of standard errors beyond which a difference is signifi
 KEPT = "not significantly different: the file's is kept"  # note on a value that is not written
 FRICTION_KEPT = "not significantly different from Coulomb friction's, which is written"
 """Note on a gain that the file does not have."""
-LARGEST_OFF = 0.1  # largest difference of a log's scale from that of all logs that counts [-]
+LARGEST_OFF = 0.1  # larger differences of a log's scale from the scale of all logs are clipped [-]
 LEAST_LATENCY = 2e-3  # a smaller latency of the track speeds is not written to the robot file [s]
 
 
 def _sigma_of_other_logs(
     chosen: Fit, supported: Sequence[Fit], name: str, file_sigma: float
 ) -> float:
-    """Standard deviation of a parameter: its error, and over logs and possible models."""
+    """Standard deviation of a parameter: by its error, logs, possible models."""
     over_models = np.mean([(fit.value(name) - chosen.value(name)) ** 2 for fit in supported])
     deviation = np.hypot(_sigma_over_logs(chosen, name, file_sigma), np.sqrt(over_models))
     return float(np.hypot(finite(chosen.sigma(name)), deviation))
@@ -32,16 +32,16 @@ def _sigma_of_other_logs(
 def written_difference(robot: Robot, radii: Fit) -> tuple[float, str]:
     """Difference of the radii for the robot file [-], and a note on its reason.
 
-    The file's value stays, unless the logs contradict it; one within its error of zero is zero.
+    The file's value is kept unless the logs contradict it. A new value within its error of zero is zero.
     """
     before = robot.tracks.difference
     value, sigma = radii.value("difference"), radii.sigma("difference")
     if not radii.is_free("difference"):
         return before, ""
-    stays = abs(value - before) <= CERTAIN * sigma
+    is_kept = abs(value - before) <= CERTAIN * sigma
     if abs(value) > CERTAIN * sigma:
-        return (before, KEPT) if stays else (float(value), "")
-    written = before if stays else 0.0
+        return (before, KEPT) if is_kept else (float(value), "")
+    written = before if is_kept else 0.0
     return written, f"within its error of zero: the file has {written:.4g}"
 
 
@@ -57,9 +57,9 @@ class CommonBias(NamedTuple):
 def common_bias(robot: Robot, chosen: Fit) -> CommonBias:
     """Initial gyro bias for the robot file, and its standard deviation.
 
-    The mean over the logs is written if the robot file's is not within its error. Its standard deviation
-    is that of the bias of another log, about what is written. The robot file's counts as one more log,
-    since few logs show little of others.
+    The mean over the logs is written if the robot file's bias is not within its error. The standard
+    deviation is for the bias of another log, about the written one. The robot file counts as one more
+    log, since few logs do not show the spread of others.
     """
     imu, scale = robot.imu, chosen.value("gyro_scale")
     values, sigmas = _values_of_logs(chosen, "gyro_bias")
@@ -99,41 +99,41 @@ def with_common(
         supported: fits of all models that may be right.
         speeds_by_radius: True if the scale of the track speeds corrects the sprocket radius; otherwise it
             goes into the scale of the robot's logs, or else into `tracks.scale_sigma`.
-        kept: parameters that stay as in the file, since the logs do not contradict it. Their standard
-            deviations do not grow.
+        kept: parameters whose value in the file is kept, since the logs do not contradict it. Their
+            standard deviations do not increase.
     """
-    chosen = chosen.with_start_of(kept)
-    vehicle, imu, scale = robot.vehicle, robot.imu, chosen.value("scale")
+    fit = chosen.with_start_of(kept)  # with the values to write
+    vehicle, imu, scale = robot.vehicle, robot.imu, fit.value("scale")
     if speeds_by_radius:
         radius = float(vehicle.sprocket_radius * scale)
         vehicle = msgspec.structs.replace(vehicle, sprocket_radius=radius)
-    scale_sigma = _sigma_of_other_logs(chosen, supported, "scale", robot.tracks.scale_sigma)
+    scale_sigma = _sigma_of_other_logs(fit, supported, "scale", robot.tracks.scale_sigma)
     if not speeds_by_radius and not robot.log:
         scale_sigma = float(np.hypot(scale_sigma, scale - 1.0))
     if "scale" in kept:
         scale_sigma = min(scale_sigma, robot.tracks.scale_sigma)
-    bias = common_bias(robot, chosen)
-    rotation_rpy_deg, rotation = _mounting(robot, chosen)
-    over_logs = _sigma_over_logs(chosen, "gyro_scale", imu.gyro_scale_sigma)
-    gyro_scale_sigma = float(np.hypot(finite(chosen.sigma("gyro_scale")), over_logs))
+    bias = common_bias(robot, fit)
+    rotation_rpy_deg, rotation = _mounting(robot, fit)
+    over_logs = _sigma_over_logs(fit, "gyro_scale", imu.gyro_scale_sigma)
+    gyro_scale_sigma = float(np.hypot(finite(fit.sigma("gyro_scale")), over_logs))
     if "gyro_scale" in kept:
         gyro_scale_sigma = min(gyro_scale_sigma, imu.gyro_scale_sigma)
     x, y, z = imu.position
-    if "imu_forward" in chosen.problem.names and chosen.is_free("imu_forward"):
-        x = x + chosen.value("imu_forward")
-        y = y + chosen.value("imu_left") if chosen.is_free("imu_left") else y
+    if "imu_forward" in fit.problem.names and fit.is_free("imu_forward"):
+        x = x + fit.value("imu_forward")
+        y = y + fit.value("imu_left") if fit.is_free("imu_left") else y
     imu = msgspec.structs.replace(
         imu,
         rotation_rpy_deg=rotation_rpy_deg,
         position=(float(x), float(y), z),
-        gyro_scale=float(vertical_gyro_scale(robot, chosen, rotation)),
+        gyro_scale=float(vertical_gyro_scale(robot, fit, rotation)),
         gyro_scale_sigma=gyro_scale_sigma,
         gyro_bias=bias.written,
         gyro_bias_sigma=bias.sigma,
     )
     tracks = _with_radii(robot, radii, supported, scale_sigma)
     new = msgspec.structs.replace(robot, vehicle=vehicle, imu=imu, tracks=tracks)
-    return _with_log(new, chosen, 1.0 if speeds_by_radius else scale)
+    return _with_log(new, fit, 1.0 if speeds_by_radius else scale)
 
 
 def _with_radii(robot: Robot, radii: Fit, supported: Sequence[Fit], scale_sigma: float) -> Tracks:
@@ -180,12 +180,12 @@ def _with_log(robot: Robot, chosen: Fit, scale: float) -> Robot:
 
 
 def finite(sigma: float) -> float:
-    """Standard error; zero for that of a held parameter, which is infinite."""
+    """Standard error; zero for a held parameter, whose standard error is infinite."""
     return sigma if np.isfinite(sigma) else 0.0
 
 
 def _sigma_over_logs(chosen: Fit, name: str, file_sigma: float) -> float:
-    """Standard deviation of a parameter [-] over logs; the file's counts as one more."""
+    """Standard deviation of a parameter [-] over logs; the file counts as one more."""
     recording = chosen.problem.recording
     count, place = len(recording.motions), chosen.problem.place(name)
     if count < 2 or not chosen.free[place]:
@@ -193,9 +193,9 @@ def _sigma_over_logs(chosen: Fit, name: str, file_sigma: float) -> float:
     log_of_block = np.zeros(int(recording.block.max()) + 1, dtype=np.int64)
     log_of_block[recording.block] = recording.log
     by_log_alone = np.array([chosen.without(log_of_block != log)[place] for log in range(count)])
-    # Limited: a short log alone may hardly show the parameter.
-    off = np.minimum(np.abs(by_log_alone - chosen.values[place]), LARGEST_OFF)
-    return float(np.sqrt((np.sum(off**2) + file_sigma**2) / count))
+    # Limited: a short log alone may hardly determine the parameter.
+    differences = np.minimum(np.abs(by_log_alone - chosen.values[place]), LARGEST_OFF)
+    return float(np.sqrt((np.sum(differences**2) + file_sigma**2) / count))
 
 
 def _mounting(robot: Robot, chosen: Fit) -> tuple[tuple[float, float, float], Floats]:
@@ -221,11 +221,12 @@ def mounting_turns(chosen: Fit) -> list[tuple[float, float]]:
         error = max(float(np.sqrt((sigmas**2).sum())) / count, deviation / np.sqrt(count))
         return float(values.mean()) / GRAVITY, error / GRAVITY
 
-    roll, (forward, pitch_error) = tilt("offset_left"), tilt("offset_forward")
+    # A positive roll levels a force offset to the left, a positive pitch one backward.
+    roll, (minus_pitch, pitch_error) = tilt("offset_left"), tilt("offset_forward")
     yaw = (0.0, np.inf)
     if has_force and chosen.is_free("mounting_yaw"):
         yaw = (chosen.value("mounting_yaw"), chosen.sigma("mounting_yaw"))
-    return [roll, (-forward, pitch_error), yaw]
+    return [roll, (-minus_pitch, pitch_error), yaw]
 
 
 def _values_of_logs(chosen: Fit, name: str) -> tuple[Floats, Floats]:

@@ -82,7 +82,7 @@ def validate(fits: Mapping[str, Fit]) -> ModelComparison:
         differences[name, other] = Difference(name, other, *drift, *gain)
     supported, *later = sums
     for name in later:
-        # Each later model replaces the one chosen so far if it is significantly better than that.
+        # A later model replaces the one chosen so far if it drifts significantly less.
         if differences[name, supported].drift_high < 0.0:
             supported = name
     return ModelComparison(
@@ -165,7 +165,7 @@ def _window_errors(fit: Fit, values: Floats, windows: list[Indexes]) -> tuple[Fl
     twist, cell = problem.twist(values), recording.cell
     heading, _ = problem.heading(values)
     place = problem.body_places(values)
-    result = np.zeros((2, len(windows)))
+    both_errors = np.zeros((2, len(windows)))  # by tracks alone, with the gyro
     for index, window in enumerate(windows):
         v_x, v_y, w = (twist[window, :, axis].ravel() for axis in range(3))
         # Headings in the middle of each cell.
@@ -174,9 +174,8 @@ def _window_errors(fit: Fit, values: Floats, windows: list[Indexes]) -> tuple[Fl
         turns = np.diff(heading[window], axis=1).ravel()
         by_gyro = start + np.cumsum(turns) - 0.5 * turns
         true_x, true_y = place[recording.ends[window[-1]]] - place[recording.starts[window[0]]]
-        for angle, errors in zip((by_tracks, by_gyro), result, strict=True):
+        for angle, errors in zip((by_tracks, by_gyro), both_errors, strict=True):
             x = cell * (np.cos(angle) * v_x - np.sin(angle) * v_y).sum()
             y = cell * (np.sin(angle) * v_x + np.cos(angle) * v_y).sum()
             errors[index] = np.hypot(x - true_x, y - true_y)
-    by_tracks_alone, with_gyro = result
-    return by_tracks_alone, with_gyro
+    return both_errors[0], both_errors[1]

@@ -4,7 +4,7 @@ Observability is determined by the information with all parameters free. A param
 ("not shown") if its standard error exceeds a threshold. As long as there is one, that of the highest rank
 is held at its start (the robot file); the others are then estimated on that condition.
 
-Standard errors are the largest of those of the likelihood and of a jackknife over blocks, linearised at
+Standard errors are the larger of two: by the likelihood, and by a jackknife over blocks linearised at
 the fit. The jackknife is valid for any correlation of residuals within a block (Efron and Stein, The
 jackknife estimate of variance, Annals of Statistics 9, 1981). Standard errors of few blocks are inflated,
 so that 1.96 of them are a 95 % interval.
@@ -29,7 +29,7 @@ ROUNDS = 12  # largest number of Gauss-Newton steps
 NOISE_ROUNDS = 5  # number of first steps that re-estimate the noise
 SETTLED = 0.01  # the search ends with a step below this share of all standard errors
 SOFT_BOUND = 10.0  # soft bound of unobservable parameters about their start, in threshold errors
-CHANCE = 0.01  # probability below which chance does not explain how far values are off
+CHANCE = 0.01  # level of significance of differences from the start [-]
 LEAST_INFORMATION = 1e-10  # least information, in units of the threshold errors; less is zero
 
 
@@ -69,8 +69,8 @@ class Fit:
     def not_contradicted(self, names: Iterable[str]) -> frozenset[str]:
         """Find parameters whose start, the robot file's value, the logs do not contradict.
 
-        Parameters are left out, the one that is the most standard errors off first, until chance explains
-        how far the remaining ones are off, each alone and all together (Wald's test at 1 %).
+        Parameters are dropped, the one that is the most standard errors off first, until the differences
+        of the others are within chance, each alone and all together (Wald's test at 1 %).
         """
         from scipy.special import chdtri
 
@@ -116,7 +116,7 @@ def fit(
         initial: initial values of the search, by name; by default the parameters' own start.
         held: names of parameters held at their initial values from the outset.
     """
-    values, anchor = problem.start, problem.start  # parameters are held at the anchor
+    values, anchor = problem.start, problem.start  # two copies; parameters are held at the anchor
     threshold = _thresholds(problem)
     free = np.array([p.threshold > 0.0 and p.name not in held for p in problem.parameters], bool)
     for name, value in (initial or {}).items():
@@ -135,7 +135,7 @@ def fit(
         free[worst] = False
         values[worst] = anchor[worst]
     values, noise = _search(problem, values, free, loose=False, noise=noise)
-    parts, total = _parts_of_fit(problem, values, noise)
+    residuals_to_score, total = _parts_of_fit(problem, values, noise)
     if (without_effect := free & (np.diag(total) <= 0.0)).any():
         # At a bound, as eta = 1, no residual depends on these parameters: they are held.
         names = {problem.names[place] for place in np.flatnonzero(without_effect)}
@@ -145,16 +145,16 @@ def fit(
     covariance = np.zeros((len(values), len(values)))
     inverse = np.linalg.inv(_scaled(total, places, threshold))
     covariance[np.ix_(places, places)] = inverse * np.outer(threshold[places], threshold[places])
-    sigmas = np.full(len(values), np.inf)
-    result = Fit(problem, values, free, shown & free, sigmas, covariance, noise, *parts)
-    largest, blocks = np.sqrt(np.diag(covariance)), np.arange(len(parts[2]))
+    all_held = np.full(len(values), np.inf)  # standard errors, until they follow from the fit below
+    parts = all_held, covariance, noise, *residuals_to_score
+    result = Fit(problem, values, free, shown & free, *parts)
+    sigmas, blocks = np.sqrt(np.diag(covariance)), np.arange(len(result.fisher))
     if len(blocks) >= 3:
         without = [result.without(blocks == number) for number in blocks]
-        largest = np.maximum(largest, jackknife_sigma(np.array(without)))
-    largest = largest * few_blocks(_effective_blocks(result))
-    largest = np.where(shown, np.maximum(largest, sigmas_all_free), largest)
-    result.sigmas[free] = largest[free]
-    return result
+        sigmas = np.maximum(sigmas, jackknife_sigma(np.array(without)))
+    sigmas = sigmas * few_blocks(_effective_blocks(result))
+    sigmas = np.where(shown, np.maximum(sigmas, sigmas_all_free), sigmas)
+    return replace(result, sigmas=np.where(free, sigmas, np.inf))
 
 
 def _parts_of_fit(
@@ -175,7 +175,7 @@ def _search(
 ) -> tuple[Floats, Noise]:
     """Fit the `free` ones of values (p,), and the noise, by Gauss-Newton steps.
 
-    `loose` binds them softly to their initial values (`SOFT_BOUND`). Noise of None is estimated first.
+    `loose` adds soft bounds about the initial values (`SOFT_BOUND`). A noise of None is estimated first.
     """
     places, ridge = np.flatnonzero(free), SOFT_BOUND**-2.0 if loose else 0.0
     unit = _thresholds(problem)[places]
@@ -188,8 +188,8 @@ def _search(
     for number in range(ROUNDS):
         is_noise_settled = number >= NOISE_ROUNDS
         noise = refined(noise, residuals, components_too=not is_noise_settled)
-        blocks = information(noise, residuals, jacobian, problem.recording.block)
-        fisher, score = (of_blocks.sum(axis=0) for of_blocks in blocks)
+        of_blocks = information(noise, residuals, jacobian, problem.recording.block)
+        fisher, score = (part.sum(axis=0) for part in of_blocks)
         scaled = _scaled(fisher, places, _thresholds(problem)) + ridge * np.eye(len(places))
         gradient = unit * score[places] + ridge * (values - search.start)[places] / unit
         step = search.step(values, scaled, gradient)
@@ -218,7 +218,7 @@ class _Search(NamedTuple):
     ridge: float  # information of soft bounds about `start`, with parameters in threshold errors
 
     def cost(self, values: Floats, residuals: Floats, noise: Noise) -> float:
-        """Cost of the residuals of values, and of their distance from the initial ones."""
+        """Cost of the residuals, and of the distance of the values from the initial ones."""
         off_start = (values - self.start)[self.places] / self.unit
         return noise_model.cost(noise, residuals) + float((self.ridge * off_start**2).sum())
 
@@ -238,7 +238,7 @@ class _Search(NamedTuple):
     def step(self, values: Floats, scaled: Floats, gradient: Floats) -> Floats:
         """Gauss-Newton step (a,), in threshold errors, within bounds.
 
-        A parameter at a bound, which a small part of the step would violate, stays there.
+        A parameter at a bound that a small part of the step would violate does not move.
 
         Args:
             values: present values (p,).

@@ -2,8 +2,8 @@
 
 A filter estimates twist and gravity along the ground; the forces lag as in
 `icreckon.estimator.motion.lagged_index_model`. So the gains are fitted to inertia and gravity together,
-and a slope is not taken for inertia. What gravity has in the robot's own axes over all turns is taken to
-be an offset of the accelerometers: a robot that turns sees a slope from all sides.
+and a slope is not taken for inertia. A robot that turns meets a slope from all sides: gravity that is
+constant in its own axes over all turns is an offset of the accelerometers.
 """
 
 from typing import NamedTuple
@@ -35,8 +35,8 @@ class GroundForces(NamedTuple):
 def ground_forces(log: Log, robot: Robot, scale: float, latency: float) -> GroundForces:
     """Estimate the forces along a log; truth and fixes are not used.
 
-    The robot has the mounting of its IMU. Logged track speeds times `scale` [-] are true, and late by the
-    latency [s].
+    The robot has the calibrated mounting of its IMU. True track speeds are the logged ones times `scale`
+    [-], earlier by `latency` [s].
     """
     stamps = log.tracks.stamps - round(latency / NANOSECOND)
     tracks = TrackSpeedSeries(stamps, scale * log.tracks.speeds)
@@ -49,7 +49,7 @@ def ground_forces(log: Log, robot: Robot, scale: float, latency: float) -> Groun
     mean_speeds = speeds.mean(axis=1)
     acceleration = (mean_speeds - _lagged(times, mean_speeds, lag)) / lag
     weights, gravity = w * w, estimate.states[:, s.GRAVITY]
-    # Less the accelerometers' offset: the mean in the robot's axes, by the squared yaw rate.
+    # Less the accelerometers' offset: the mean in the robot's axes, weighted by the squared yaw rate.
     gravity = gravity - weights @ gravity / max(float(weights.sum()), LEAST_TURNING)
     along = (acceleration - gravity[:, 0]) / GRAVITY
     lateral = _lagged(times, -w * (forward + x_CM * w), lag) + gravity[:, 1]

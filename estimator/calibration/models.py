@@ -129,18 +129,18 @@ def model_of(name: str, robot: Robot) -> Model:
         # All but H, which acts in the literal form only.
         start = initial_parameters(robot, find_variant("inertia-fixed"))
         places = tuple(range(1, len(start)))
-    force, length = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY, THRESHOLD * gauge
-    middle, eta = MIDDLE_THRESHOLD * gauge, THRESHOLD * max(1.0, start[ETA0])
+    force, length_error = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY, THRESHOLD * gauge
+    middle_error, eta_error = MIDDLE_THRESHOLD * gauge, THRESHOLD * max(1.0, start[ETA0])
     # Units and thresholds, by rank. A gain has the threshold of its index at a typical force.
     table = (
-        ("eta0", "-", eta),
-        ("zeta0", "m", middle),
-        ("epsilon0", "m", middle),
-        ("zeta1", "m/N", length / force),
-        ("epsilon1", "m/N", length / force),
-        ("epsilon_F", "m", length / TYPICAL_FORCE),
-        ("eta1", "1/N", eta / force),
-        ("eta2", "1/N²", eta / force**2),
+        ("eta0", "-", eta_error),
+        ("zeta0", "m", middle_error),
+        ("epsilon0", "m", middle_error),
+        ("zeta1", "m/N", length_error / force),
+        ("epsilon1", "m/N", length_error / force),
+        ("epsilon_F", "m", length_error / TYPICAL_FORCE),
+        ("eta1", "1/N", eta_error / force),
+        ("eta2", "1/N²", eta_error / force**2),
     )
     names = Indices.__struct_fields__
     by_name = {

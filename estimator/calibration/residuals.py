@@ -47,7 +47,7 @@ class Problem:
 
     recording: Recording  # the segments
     model: Model  # the motion model
-    # all that may be free: common ones, those of each log (named "name[log]"), those of the model
+    # all that may be free: of all logs, of each log (named "name[log]"), and of the model
     parameters: tuple[Parameter, ...]
     imu_position: tuple[float, float]  # position of the IMU in base_link, forward and left [m]
     force: bool  # True if the specific force is used
@@ -106,7 +106,7 @@ class Problem:
         jacobian = np.zeros((*rows.shape, len(values)))
         for column, name in enumerate(TRACK_PARAMETERS):
             jacobian[..., self.place(name)] = linear[..., column]
-        # The latency of the path is wanted: the body accelerates and turns with lags of its own.
+        # Only the path determines the latency: the body accelerates with a lag of its own.
         jacobian[:, FORCE:, self.place("track_latency")] = 0.0
         jacobian[..., common:] = linear[..., len(TRACK_PARAMETERS) :]
         twist = at.twist[..., None]
@@ -151,10 +151,10 @@ class Problem:
         return np.asarray(place - np.einsum("kij,j->ki", rotation, lever))
 
     def _assemble(self, values: Floats, twists: Floats) -> tuple[Floats, Floats]:
-        """Residuals (n, ROWS), measured less predicted, by a twist of the model.
+        """Residuals (n, ROWS), measured less predicted, and changes of them (n, ROWS, c).
 
-        Twists (n, m, 3, 1 + c) have it first; the others are changes of it, which give those (c) of the
-        residuals: the predicted rows are linear in the twists.
+        Of the twists (n, m, 3, 1 + c) the first is the model's, the others are changes of it: predicted
+        rows are linear in the twists.
         """
         heading, apart = self.heading(values)
         predicted = self._predicted(values, heading, twists)
@@ -171,7 +171,7 @@ class Problem:
         forward, left, yaw = twists[:, :, 0], twists[:, :, 1], twists[:, :, 2]
         along = np.einsum("nm,nmc->nc", cos, forward) - np.einsum("nm,nmc->nc", sin, left)
         across = np.einsum("nm,nmc->nc", sin, forward) + np.einsum("nm,nmc->nc", cos, left)
-        # The body turns later than its tracks; the latency is that of the path.
+        # The body turns later than its tracks: its lag adds to the latency of the path.
         turning_lag = values[self.place("turning_lag")]
         turned = cell * yaw.sum(axis=1) - turning_lag * (yaw[:, -1] - yaw[:, 0])
         forces = _mean_accelerations(change / cell, forward, left, self._marks, cell)
@@ -230,7 +230,7 @@ class Problem:
         return np.asarray(self._by_log(values, name)[self.recording.log])
 
     def counted_rows(self) -> Flags:
-        """Mask (n, ROWS) of rows that count: at standstill only those of the gyro's bias."""
+        """Mask (n, ROWS) of rows that count: at standstill only turns, for the bias."""
         recording = self.recording
         result = np.repeat(recording.moving[:, None], ROWS, axis=1)
         result[:, SLIP] = True

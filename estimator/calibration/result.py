@@ -125,8 +125,8 @@ class ModelComparison:
         folds: number of folds.
         distance: distance of all windows [m].
         window: longest window [s].
-        supported: the model that is left if, in their order, each takes the place of the one so far
-            where its drift is significantly lower.
+        supported: the chosen model: in their order, a model replaces the one chosen so far if its drift
+            is significantly lower.
     """
 
     scores: tuple[ModelScore, ...]

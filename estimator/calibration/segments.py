@@ -28,7 +28,7 @@ LARGEST_GAP, LARGEST_TRUTH_GAP = 0.5, 1.0
 """A longer gap in track speeds or IMU samples, or in the truth, ends a piece of the log [s]."""
 KNOT_WINDOW = 0.25  # truth within this time of a knot counts for it [s]
 FEWEST_FOR_LINE, ASIDE = 4, 0.03
-"""Least number of poses for a line, if their squared mean is at most this share of their variance."""
+"""Least number of poses for a line, and most of the square of their mean time over its variance [-]."""
 KEPT_KNOTS = 2  # lags whose truth at the knots is kept: the present ones, and these plus a step
 STILL_SHARE = 0.005  # speeds up to this share of the fastest count as standstill [-]
 LEAST_FINITE = 0.9  # least share of finite accelerometer readings; the others are interpolated [-]
@@ -36,12 +36,12 @@ LEAST_SHARED = 5.0  # least time that truth and IMU share [s]
 LEAST_SEGMENTS = 10  # least number of moving segments for a calibration
 LEAST_TURNING = 1.0  # least total rotation of the robot [rad]
 SMALLEST_BLOCK, LARGEST_BLOCK, BLOCKS = 3, 8, 10
-"""Segments of a block, which is what is left out or resampled together, and how many blocks there are to
-be at least, as long as they are not too small."""
+"""Least and largest number of moving segments in a block, which is left out or resampled as a whole, and
+the least number of blocks if there are segments enough."""
 FIXES_AS_TRUTH = (
     " (positions of RTK GPS can be it: rename [log.fixes] to [log.truth]; plain GPS is too rough)"
 )
-"""What can be done where there are fixes, but no truth."""
+"""Advice for a log with fixes but without truth."""
 
 
 @dataclass(frozen=True)
@@ -139,8 +139,8 @@ class Recording:
         # Weighted means at the knots: x, y [m], cosine and sine of the yaw, yaw [rad].
         means = np.zeros((len(self.knot_times), 5))
         for log, motion in enumerate(self.motions):
-            own = self.knot_log[self.pair_knot] == log
-            knot, pose = self.pair_knot[own], self.pair_pose[own]
+            in_log = self.knot_log[self.pair_knot] == log
+            knot, pose = self.pair_knot[in_log], self.pair_pose[in_log]
             knot_times, stamped_times = self.knot_times[knot], motion.truth_times[pose]
             times = stamped_times - lags[log]
             carried = _carried_over(motion.truth[pose], times, knot_times, self.paths[log])
@@ -175,7 +175,7 @@ def _weights_at_knots(knot: Indexes, after: Floats, after_initial: Floats, knots
 
     Poses are `after` (p,) their knots [s]. The value at a knot is that of a regression line of its poses.
     If most of them lie on one side, a line would amplify noise, and it is their mean. `after_initial`
-    (p,), by the initial lag, decides which: by the present lag, residuals would jump as it changes.
+    (p,), by the initial lag, decides which: if the present lag did, residuals would jump as it changes.
     """
     poses_at, mean, variance = _moments(knot, after_initial, knots)
     has_line = (poses_at >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance)
@@ -271,10 +271,10 @@ def record(
     edges = begins[:, None] + length / cells * np.arange(cells + 1)
     turned, fastest_in = np.empty_like(edges), np.empty(len(log))
     for number, motion in enumerate(motions):
-        own = log == number
-        turned[own] = np.interp(edges[own], motion.imu_times, motion.turned)
-        distances = _interpolated(edges[own], motion.track_times, motion.track_distances)
-        fastest_in[own] = np.abs(np.diff(distances, axis=1)).max(axis=(1, 2), initial=0.0)
+        in_log = log == number
+        turned[in_log] = np.interp(edges[in_log], motion.imu_times, motion.turned)
+        distances = _interpolated(edges[in_log], motion.track_times, motion.track_distances)
+        fastest_in[in_log] = np.abs(np.diff(distances, axis=1)).max(axis=(1, 2), initial=0.0)
     speeds = [np.diff(m.track_distances, axis=0).T / np.diff(m.track_times) for m in motions]
     fastest = max(float(np.abs(of_motion).max()) for of_motion in speeds)
     moving = fastest_in * cells / length > STILL_SHARE * fastest
@@ -369,7 +369,7 @@ def _blocks(log: Indexes, moving: Flags) -> Indexes:
 def _poses_near_knots(
     motion: Motion, log_knots: Indexes, knot_times: Floats
 ) -> tuple[Indexes, Indexes]:
-    """Pairs (p,) of log_knots and truth poses within `KNOT_WINDOW`, or the nearest."""
+    """Pairs (p,) of knots of a log and truth poses within `KNOT_WINDOW`, or nearest."""
     knots, poses = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     body_times = motion.truth_times - motion.lag
     for knot in log_knots:
@@ -415,9 +415,9 @@ def _path(motion: Motion, robot: Robot, scale: float, difference: float) -> Seri
     yaw = (measured - motion.bias * times) / robot.imu.gyro_scale
     indices = robot.constant_indices
     turned = np.diff(yaw)
-    # Shares of the left and the right track in the forward motion.
-    sides = scale * (0.5 + 0.25 * difference * np.array([-1.0, 1.0]))
-    forward = np.diff(distances, axis=0) @ sides - turned * indices.epsilon0
+    # Each track has half of the forward motion, with half of the difference of the scales.
+    weights = scale * (0.5 + 0.25 * difference * np.array([-1.0, 1.0]))
+    forward = np.diff(distances, axis=0) @ weights - turned * indices.epsilon0
     moves = np.stack([forward, -turned * indices.zeta0], axis=-1)
     steps = rotate(moves, 0.5 * (yaw[1:] + yaw[:-1]))
     places = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])

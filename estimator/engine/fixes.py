@@ -171,7 +171,7 @@ class _PositionFix:
         It returns the departure with this fix, and the lanes in which it is followed.
         """
         lane, considered = self.lane, self.lane.shape.considered
-        departure, is_followed, indicated = departure_after(
+        departure, is_followed, errors = departure_after(
             Departure(*(lane.row(name) for name in DEPARTURE)),
             self.place,
             self.z,
@@ -182,7 +182,7 @@ class _PositionFix:
             self.interval,
         )
         departs = is_off & is_followed
-        for states, error in zip(STATES, indicated, strict=True):
+        for states, error in zip(STATES, errors, strict=True):
             # A considered bias, the last state of an error, is not inflated.
             self.inflate(states[: len(states) - (states[-1] in considered)], error, departs)
         return departure, departs

@@ -45,23 +45,9 @@ class Departure(NamedTuple):
     first: Any = 0.0  # size of the first rejected fix's innovation; 0 after a used one [m]
 
 
-class Indicated(NamedTuple):
-    """Standard deviations, with signs, of the errors of each cause of a departure."""
-
-    # both tracks slip, or the robot slides: error of the position, x, y [m], and of the slip of v_x [m/s]
-    slip: tuple[Any, Any, Any]
-    # the yaw has been wrong all the time: x, y [m], yaw [rad]
-    yaw: tuple[Any, Any, Any]
-    # the gyro's bias has been wrong all the time: x, y [m], yaw [rad], bias [rad/s]
-    bias: tuple[Any, Any, Any, Any]
-
-
-STATES: tuple[tuple[int, ...], ...] = (
-    (s.X, s.Y, s.SLIP_X),
-    (s.X, s.Y, s.YAW),
-    (s.X, s.Y, s.YAW, s.GYRO_BIAS),
-)
-"""States of the errors of each cause, in the order of `Indicated`."""
+# States of the errors that a departure shows, by cause: both tracks slip, or the robot slides; the yaw is
+# wrong; the gyro's bias is.
+STATES = (s.X, s.Y, s.SLIP_X), (s.X, s.Y, s.YAW), (s.X, s.Y, s.YAW, s.GYRO_BIAS)
 
 
 def departure_after(
@@ -73,7 +59,7 @@ def departure_after(
     fastest: Any,
     gauge: Any,
     interval: Any,
-) -> tuple[Departure, Any, Indicated]:
+) -> tuple[Departure, Any, tuple[tuple[Any, ...], ...]]:
     """Departure from the path, with a position fix that the gate would reject.
 
     Args:
@@ -87,8 +73,8 @@ def departure_after(
         interval: time since the fix before [s].
 
     Returns:
-        The departure with this fix; True if it has lasted long enough to be followed; the errors that it
-        indicates.
+        The departure with this fix; True if it has lasted long enough to be followed; the standard
+        deviations, with signs, of the errors that it shows, as `STATES` [m, m/s, rad, rad/s].
     """
     (z_x, z_y), time = z, max(LEAST_TIME, before.time + interval)
     path_x, path_y = fix[0] - z_x, fix[1] - z_y
@@ -114,26 +100,18 @@ def departure_after(
     from_x, from_y = select(departs, before.from_x, path_x), select(departs, before.from_y, path_y)
     after = Departure(select(departs, time, 0.0), from_x, from_y, *z, first)
     ahead, left = beyond_noise(ahead, variance_ahead), beyond_noise(left, variance_left)
-    # Over a way shorter than the gauge, slip departs as far as a wrong yaw.
+    # Over a distance shorter than the gauge, slip departs as far as a wrong yaw.
     largest = LARGEST_YAW * min(1.0, distance / gauge)
     yaw = max(-largest, min(largest, left / distance))
     # A yaw error that grows with time moves the path half as far as one from the start on.
     bias = max(-LARGEST_BIAS, min(LARGEST_BIAS, -2.0 * yaw / time))
-    by_yaw, by_bias = yaw * distance, -0.5 * bias * time * distance
-    slip = ahead / time
-    return (
-        after,
-        is_followed,
-        Indicated(
-            (
-                cos * ahead - sin * left,
-                sin * ahead + cos * left,
-                select(cos * heading[0] + sin * heading[1] < 0.0, -slip, slip),
-            ),
-            (-sin * by_yaw, cos * by_yaw, yaw),
-            (-sin * by_bias, cos * by_bias, -bias * time, bias),
-        ),
-    )
+    by_yaw, by_bias = yaw * distance, -0.5 * bias * time * distance  # to the left [m]
+    # Ahead is behind for a robot that drives backwards.
+    slip = select(cos * heading[0] + sin * heading[1] < 0.0, -ahead, ahead) / time
+    slip_error = cos * ahead - sin * left, sin * ahead + cos * left, slip
+    yaw_error = -sin * by_yaw, cos * by_yaw, yaw
+    bias_error = -sin * by_bias, cos * by_bias, -bias * time, bias
+    return after, is_followed, (slip_error, yaw_error, bias_error)
 
 
 def are_departing(record: Any) -> bool:

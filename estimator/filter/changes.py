@@ -1,8 +1,8 @@
 """Changes of a filter that its kernels report, for marks and the smoother.
 
 A kernel of a shape with `FilterShape.reports` stores the numbers of each change in rows of the workspace.
-Which changes these are, and of which states, is the same in each call (`Event`).
-`Events` reports them to a listener.
+The kinds of the changes and their states are the same in each call (`Event`). `Events` reports them to a
+listener.
 """
 
 from collections.abc import Sequence
@@ -47,7 +47,7 @@ class Moved(NamedTuple):
     yaw: float  # yaw before it [rad]
     step: Floats  # (3,) increment of the pose
     by_state: Floats  # (3, size) its derivative by all states but the pose
-    with_state: Floats  # (3, size) the same times the covariance before the step
+    with_state: Floats  # (3, size) that derivative times the covariance before the step
     F: Floats  # (size, size) transition
     Q: Floats  # (size, size) process noise
 
@@ -77,19 +77,19 @@ class Events:
         self._begins = np.concatenate([[0], self._ends[:-1]])
 
     def report(self, values: Floats, size: int, yaw: float, listener: Listener) -> None:
-        """Report the changes of a call by their numbers (m,); its start has the yaw [rad]."""
+        """Report the changes of a call by their numbers (m,), from a yaw on [rad]."""
         if not self._events:
             return
         is_nonzero = np.logical_or.reduceat(values[: self._ends[-1]] != 0.0, self._begins)
         spans = zip(self._begins.tolist(), self._ends.tolist(), is_nonzero.tolist(), strict=True)
-        for (kind, states, fixed), (begin, end, changes) in zip(self._events, spans, strict=True):
+        for (kind, states, fixed), (begin, end, changed) in zip(self._events, spans, strict=True):
             if kind == "renewed":
                 listener.renewed(_symmetric(values[begin:end], 3))
-            elif not changes:
+            elif not changed:
                 continue
             elif kind == "updated":
                 z, r, inverse_S, is_sharp = values[begin : begin + 4].tolist()
-                if inverse_S > 0.0:
+                if inverse_S > 0.0:  # zero if the update was not made
                     vectors = np.zeros((3, size))
                     vectors[:, states] = values[begin + 4 : end].reshape(3, -1)
                     h, cross, gain = vectors
@@ -116,15 +116,16 @@ def moved_values(
         step: (4,) increment of pose and height.
         by_yaw: (2,) derivative of its x and y by the yaw.
         decay: (3,) factors on the slip.
-        rows: (15, n) by state: derivatives of the increment and of the height (4), the same times the
-            covariance (4), noise of pose and height with the states (4), noise of each state, transition
-            of gravity (2).
+        rows: (15, n) of n states. 0 to 3: derivatives of the increment; 4 to 7: these times the
+            covariance; 8 to 11: noise of the increment with the states; 12: noise of each state;
+            13, 14: transition of gravity.
     """
     return [yaw, *step, *by_yaw, *decay, *(value for row in rows for value in row)]
 
 
 def _moved(values: Floats, states: list[int], size: int) -> Moved:
     """Step of a filter with `size` states, from the values of `moved_values`."""
+    # Value 4 and row 7 are of the height, which is no part of a `Moved` step.
     yaw, step, by_yaw, decay = values.item(0), values[1:4].copy(), values[5:7], values[7:10]
     rows = np.zeros((15, size))
     rows[:, states] = values[10:].reshape(15, -1)

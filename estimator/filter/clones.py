@@ -2,9 +2,9 @@
 
 A mark begins a relative pose: that of base_link in the axes that base_link had at the mark. Each step
 moves it as the filter's pose, with the same noise. Its covariance with the filter's state and with the
-other clones is propagated (after Roumeliotis and Burdick, Stochastic cloning, ICRA 2002). The pose in
-odom has no part in it, nor has its uncertainty. A fix that turns the whole path does not bend the
-relative motion, as it would bend that from a clone of the pose in odom.
+other clones is propagated (after Roumeliotis and Burdick, Stochastic cloning, ICRA 2002). It does not
+depend on the pose in odom or its uncertainty: a fix that rotates the whole path does not change the
+relative motion, as it would with a clone of the pose in odom.
 
 Only steps and fixes move a clone, as they move the pose.
 """
@@ -22,8 +22,8 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.filter.changes import Moved, Updated
 
-# Least variance of a motion in any direction [m², rad²]: a robot that stands has none by its filter, and
-# rounding of the difference of two marks may make it negative.
+# Least variance of a motion in any direction [m², rad²]: a robot that stands has a variance of zero, and
+# rounding may make the variance between two marks negative.
 LEAST_VARIANCE = 1e-8
 MOST_MARKS = 20  # each clone costs time in every step, and space in every checkpoint of the history
 

@@ -9,8 +9,8 @@ Parameters, biases and scales are constants or random walks. The fast slip is wh
 next, and contains the error of the track speeds. It is part of the state because one error both moves the
 pose and shows in the gyro's innovation. It also keeps fast motion from moving the parameters. With slow
 slip alone, quick changes would count for too much, and noisy track speeds are bad regressors for them
-(errors in variables). For the same reason the derivatives by the parameters are those of the turn that
-tracks and yaw rate both show, smoothed in time: noise of the track speeds is in the innovation, too.
+(errors in variables). For the same reason the derivatives by the parameters are smoothed in time, and
+taken at the turn on which tracks and gyro agree: noise of the track speeds is in the innovation, too.
 
 The steps are those of `icreckon.estimator.engine.step`.
 
@@ -41,9 +41,9 @@ from icreckon.estimator.sensors.sensor_models import shift
 # A measurement whose variance is below this share of its innovation's is sharp. Such an update may leave
 # less of the variances than rounding does: each is inflated by a share of what it was before.
 SHARP, ROUNDING_SHARE = 1e-7, 2.0**-46
-# Least variance of a measurement, in its unit squared: what is sharper, the state does not resolve.
+# Least variance of a measurement, in its unit squared: the state does not resolve smaller ones.
 LEAST_VARIANCE = 1e-18
-WHOLE = (1.0, 1.0, 1.0)  # factors on the slip for its present value
+WHOLE = (1.0, 1.0, 1.0)  # factors on the slip that leave it as it is
 
 
 class Observer(Listener, Protocol):
@@ -59,12 +59,12 @@ class Observer(Listener, Protocol):
 class Ekf:
     """State and covariance of a filter.
 
-    `x` is (SIZE,), `P` (SIZE, SIZE); `icreckon.estimator.base.state` has their layout. If fixes wander
-    there are two states more behind these (`add_wander`). Updates are scalar (`update_scalar`).
+    `x` is (SIZE,), `P` (SIZE, SIZE); `icreckon.estimator.base.state` has their layout. If fixes wander,
+    two more states follow (`add_wander`). Updates are scalar (`update_scalar`).
 
     Attributes:
-        regressors: (3, 10) smoothed derivatives of the twist by the parameters, of the steps before, and
-            last in the third row the yaw rate.
+        regressors: (3, 10) derivatives of the twist by the parameters, smoothed over earlier steps; the
+            last entry of the third row is the smoothed yaw rate [rad/s].
         clones: stochastic clones, None if there are none; they change nothing else.
         observer: observer of all changes, or None.
         considered: consider states: updates do not move them, but their covariance counts
@@ -106,8 +106,8 @@ class Ekf:
     def let_wander(self, decay: float, variance: float) -> None:
         """Propagate the wander of position fixes, which decays and gains a variance [m²].
 
-        Its transition is a number, which commutes with everything else that happens in that time. So this
-        is exact once before each fix, and not only in each step.
+        The decay is one number, which commutes with all other changes of that time. So one call before
+        each fix is as exact as one in each step.
         """
         self.x[s.WANDER] *= decay
         fade_wander(self.P, decay)
@@ -137,7 +137,7 @@ class Ekf:
             self.observer.renewed(covariance)
 
     def inflated(self, states: Sequence[int], covariance: Floats, yaw: float | None = None) -> None:
-        """Pass on an inflation, of the motion at a yaw [rad] or not."""
+        """Pass on an inflation; with a yaw [rad] it is an error of the motion there."""
         if self.observer is not None:
             self.observer.inflated(states, covariance)
         if yaw is not None and self.clones is not None:
@@ -208,7 +208,7 @@ class Ekf:
         if self.considered:
             fixed = tuple(sorted({*fixed, *self.considered}))
         if self.wanders and s.X in fixed:
-            # A fix shows the sum of position and wander: one is not to move without the other.
+            # A fix measures the sum of position and wander: neither may move without the other.
             fixed = (*fixed, s.WANDER_X, s.WANDER_Y)
         variances = self.P.diagonal()
         c = self.P.dot(h)
@@ -225,7 +225,7 @@ class Ekf:
                 self.inflate(index, variance=variance)
 
     def keep_inside_bounds(self) -> None:
-        """Project parameters to the model's bounds; pose and consider states stay."""
+        """Project parameters to the model's bounds; pose and consider states do not move."""
         fixed = (*POSE_FIXED, *self.considered, *range(s.SIZE, len(self.x)))
         self.x = inside(self.x, self.P, self._bounds, fixed)
 
@@ -248,30 +248,29 @@ def update(
         gate: gate of the sensor.
         linearised: the measurement at the present state.
         stamp: stamp of the measurement [ns].
-        interval: time that it counts if it is rejected [s].
+        interval: time to add to the time of rejections if the gate rejects it [s].
         fastest: highest track speed of the robot [m/s].
 
     Returns:
         True if the measurement was used.
     """
-    # The state does not resolve smaller variances.
     shortfall = np.maximum(LEAST_VARIANCE - linearised.R.diagonal(), 0.0)
     linearised = linearised._replace(R=linearised.R + np.diag(shortfall))
     z, H, R = linearised
     S = np.asarray(H.dot(ekf.P).dot(H.T) + R)
     nis = normalised_square(z, S)
-    square = float(z[:2] @ z[:2]) if model.is_place else 0.0
-    verdict = gate.judge(nis, interval, patience_for(square, gate.patience, fastest))
+    squared_distance = float(z[:2] @ z[:2]) if model.is_place else 0.0
+    verdict = gate.judge(nis, interval, patience_for(squared_distance, gate.patience, fastest))
     if verdict == REACQUIRED:
-        R = _make_room(ekf, model, linearised, S)
+        R = _inflate_for(ekf, model, linearised, S)
     if verdict != REJECTED:
         if model.correlated and len(z) > 1:
             z, H, R = decorrelated(z, H, R)
         x_before = ekf.x.copy()
         for k in range(len(z)):
-            # Each component is linearised at the state before the first.
-            explained = shift(H[k], ekf.x, x_before) if k else 0.0
-            ekf.update_scalar(z.item(k) - explained, H[k], R.item(k, k), fixed=model.fixed)
+            # All components are linearised at `x_before`: earlier ones have changed the prediction.
+            change = shift(H[k], ekf.x, x_before) if k else 0.0
+            ekf.update_scalar(z.item(k) - change, H[k], R.item(k, k), fixed=model.fixed)
     gate.keep(stamp, verdict, linearised.z, S)
     return verdict != REJECTED
 
@@ -280,13 +279,13 @@ def normalised_square(z: Floats, S: Floats) -> float:
     """Normalised innovation squared (NIS) of an innovation (n,) of covariance (n, n)."""
     if len(z) == 1:
         return z.item() * z.item() / S.item()
-    # The prediction alone may be singular, next to which a sharp measurement vanishes.
+    # Next to a singular prediction, R of a sharp measurement may vanish by rounding.
     return float(z @ np.linalg.solve(S + ROUNDING_SHARE * np.diag(S.diagonal()), z))
 
 
 def decorrelated(z: Floats, H: Floats, R: Floats) -> Linearised:
     """Transform a measurement to components of independent noise."""
-    # The noise of the motion ahead of the IMU alone may be singular.
+    # R of a prediction ahead of the IMU may be singular.
     root = np.linalg.cholesky(R + ROUNDING_SHARE * np.diag(R.diagonal()))
     sigmas = root.diagonal()
     L = root / sigmas
@@ -294,7 +293,7 @@ def decorrelated(z: Floats, H: Floats, R: Floats) -> Linearised:
     return Linearised(np.asarray(mixed[:, 0]), mixed[:, 1:], np.diag(sigmas * sigmas))
 
 
-def _make_room(ekf: Ekf, model: MeasurementModel, linearised: Linearised, S: Floats) -> Floats:
+def _inflate_for(ekf: Ekf, model: MeasurementModel, linearised: Linearised, S: Floats) -> Floats:
     """Inflate the states that a re-acquired measurement is to move; return its R."""
     z, H, R = linearised
     squares, variances = z * z, S.diagonal()

@@ -25,12 +25,12 @@ from icreckon.estimator.log.measurements import Measurement
 from icreckon.estimator.sensors.imu_clock import is_alive
 
 LARGE_SLIP = 3.0  # factor on the slip from which it is a finding
-# Number of successive rejected position fixes that is a finding, and time of another sensor [s].
+# Number of rejected position fixes in a row that is a finding, and time of rejections of others [s].
 REJECTED_IN_A_ROW, REJECTED_FOR = 3, 3.0
-FEWEST_REFUSED = 20  # refused measurements of a stream for each that is not, which are a finding
+FEWEST_REFUSED = 20  # refused measurements of a stream per accepted one that are a finding
 TURN_BY_TRACKS = "the tracks turn the pose"
 CORRELATED = 0.5  # correlation of successive innovations of position fixes that is clear
-# Names of a gyro's faults, the reasons to reject its readings, and of fixes that repeat a position.
+# Reasons to reject fixes that repeat a position, and readings of the gyro, by its fault.
 REPEATED = "repeats itself"
 GYRO_FAULTS = {JUMPED: "jumped", REPEATS: REPEATED, BEYOND: "beyond its range"}
 
@@ -43,7 +43,7 @@ class Finding(NamedTuple):
         part: part of the sensor, such as "left track" or "right wheel 2"; "" for all of it.
         fault: name of the fault, see `FAULTS`.
         since: stamp at which it began, or was found if that is not known [ns]; None for most faults of
-            fixes. Of a silent sensor it is that of its last sample.
+            fixes. For a silent sensor it is the stamp of its last sample.
         size: size in the unit of the fault (m/s, m or a ratio); None if it has none.
         text: the finding in words, with units; it changes while the fault lasts.
         effect: what the filter does meanwhile.
@@ -59,7 +59,7 @@ class Finding(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Finding of a rule, see `Finding`; an empty effect stands for that of the row."""
+    """Finding of a rule, see `Finding`; if the effect is empty, the row's applies."""
 
     sensor: str
     text: str
@@ -201,8 +201,8 @@ def _find_scattering(record: Any) -> Iterator[Found]:
 def _find_wandering(record: Any) -> Iterator[Found]:
     correlation = innovation_correlation(record.fixes.scatter)
     if correlation is not None and correlation > CORRELATED and not record.fixes.scatter.variance:
-        what = f"successive innovations have a correlation of {correlation:.2f}"
-        text = f"errors of fixes wander, or the robot slips for long: {what}"
+        reason = f"successive innovations have a correlation of {correlation:.2f}"
+        text = f"errors of fixes wander, or the robot slips for long: {reason}"
         yield Found("position", text, size=correlation)
 
 
@@ -227,7 +227,7 @@ def refused_stream(stream: str, rejected: Mapping[str, int], reached: int) -> It
 
 
 def rejected_sensor(sensor: str, rejected_for: float) -> Iterator[Finding]:
-    """Find a sensor of the pose or the twist whose measurements are rejected [s]."""
+    """Find a sensor of pose or twist that is rejected for too long a time [s]."""
     if rejected_for >= REJECTED_FOR:
         text = f"{sensor}: rejected for {rejected_for:.0f} s, it or the pose is wrong"
         effect = "its measurements are excluded until `Settings.gates.patience` ends"

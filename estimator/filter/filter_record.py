@@ -52,12 +52,12 @@ class FilterRecord(msgspec.Struct):
     stood_at: Stamp = NEVER  # stamp of the newest zero velocity that was used [ns], or NEVER
     stands: Flag = 0  # 1 if the robot was found standing at the newest IMU sample
     slip_factor: Factor = 1.0  # factor on the slip that position fixes have shown
-    present_factor: Factor = 1.0  # that of the newest fixes alone
+    present_factor: Factor = 1.0  # factor by the newest fixes alone
     trend_forward: float = 0.0  # mean of the position fixes' normalised innovations, forward [-]
     trend_left: float = 0.0  # to the left [-]
     trend_size: float = 1.0  # mean of their squares; 1 if they are as large as expected
     departed_for: Size = 0.0  # time of rejected position fixes that depart from the path [s]
-    departed_from_x: float = 0.0  # place on the path of the newest fix that does not [m]
+    departed_from_x: float = 0.0  # place on the path of the newest fix that does not depart [m]
     departed_from_y: float = 0.0
     departed_by_x: float = 0.0  # innovation of the newest fix [m]
     departed_by_y: float = 0.0
@@ -129,7 +129,7 @@ def take_track_sample(
 def sides_of(
     record: FilterRecord, stamp: int, speeds: Wheels, left: Wheels, right: Wheels, keeps: bool
 ) -> tuple[float, float]:
-    """Speeds of both sides by those of their wheels, see `take_wheels` [m/s]."""
+    """Speeds of both sides by their wheels if known, see `take_wheels` [m/s]."""
     means = (speeds[0], speeds[1])
     if len(left) + len(right) == 0:
         return means
@@ -139,14 +139,14 @@ def sides_of(
 
 
 def wander_after(fixes: FixesRecord, stamp: int, sigma: float, time: float) -> tuple[float, float]:
-    """Decay of the fixes' wander to a stamp [ns] and its gain [m²], by sigma and time."""
+    """Decay of the wander up to a stamp [ns], which is recorded, and its gain [m²]."""
     elapsed = 0 if fixes.wander_stamp == NEVER else stamp - fixes.wander_stamp
     fixes.wander_stamp, decay = stamp, math.exp(-elapsed * NANOSECOND / time)
     return decay, sigma * sigma * (1.0 - decay * decay)
 
 
 def may_be_pushed(record: FilterRecord) -> bool:
-    """Return True if a robot that does not stand may turn with its tracks at rest."""
+    """Return True if a robot that is not found standing may turn with resting tracks."""
     tracks, settings = record.tracks, record.settings
     is_slow = max(abs(tracks.left), abs(tracks.right)) < settings.track_speed
     has_imu = is_alive(record.imu, record.stamp, settings.hold)

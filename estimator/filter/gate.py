@@ -31,7 +31,7 @@ RECENT = 100  # number of gated measurements that are recent
 IMU_PATIENCE = 1e-3
 LONGEST_COUNTED = 1.0  # most that a rejected fix counts of the time since the fix before it [s]
 LARGEST_PATIENCE_FACTOR = 6.0  # largest factor on the patience by the distance of a position
-# Largest inflation, over the variance of the innovation: double precision would lose that next to more.
+# Largest inflation, over the variance of the innovation: next to more, double precision would lose it.
 LARGEST_INFLATION = 1e10
 
 
@@ -42,8 +42,7 @@ def patience_for(squared_distance: Any, patience: Any, fastest: Any) -> Any:
 
 
 def inflation(square: float, expected: float) -> float:
-    """Variance to add to a state that is to follow an innovation: its square, limited."""
-    # `expected` is the variance of the innovation before the inflation.
+    """Variance to add to a state: square of an innovation, limited by its variance."""
     return min(square, LARGEST_INFLATION * expected)
 
 
@@ -53,8 +52,8 @@ class GateRecord(msgspec.Struct):
     rejected_for: Size = 0.0  # time of the rejections since a measurement was last used [s]
     judged: Count = 0  # number of measurements that it tested
     used: Count = 0  # number of measurements that it let pass
-    rejected: Count = 0  # number of those that it did not
-    reacquired: Count = 0  # number of those used after too long a time of rejections
+    rejected: Count = 0  # number of measurements that it rejected
+    reacquired: Count = 0  # number of measurements used after too long a time of rejections
     degrees: Count = 0  # sum of the degrees of freedom of admitted measurements
     nis_sum: Size = 0.0  # sum of their normalised innovations squared (NIS)
     newest_nis: float = 0.0  # NIS of the newest measurement
@@ -126,7 +125,7 @@ class Gate:
         self.keep(stamp, verdict, np.array(z), np.array([[xx, xy], [xy, yy]]))
 
     def interval_to(self, stamp: int) -> float:
-        """Time since the measurement before one at a stamp [ns], as far as it counts [s]."""
+        """Time from the last measurement to a stamp [ns], at most `LONGEST_COUNTED` [s]."""
         if self.counts.stamp == NEVER:
             return 0.0
         # A clock that was set back has left a later stamp.
@@ -149,7 +148,7 @@ class Gate:
         return counts.stamp, counts.verdict, tuple(counts.z[:n]), rows
 
     def health(self) -> SensorHealth:
-        """Counts for people."""
+        """Counts as users see them."""
         counts = self.counts
         return SensorHealth(
             used=counts.used,
@@ -172,7 +171,7 @@ def gates_of(
 ) -> dict[str, Gate]:
     """Make the gates of all sensors, by the names of their components.
 
-    Gates of the IMU have their counts in `records`; those of others are made by `make_record`.
+    Gates of the IMU have their counts in `records`; counts of others are made by `make_record`.
     """
     gates = {}
     for name, component_names in components.items():

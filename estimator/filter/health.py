@@ -29,13 +29,13 @@ from icreckon.estimator.sensors.standstill import tracks_rest
 # was inflated.
 ADMITTED, REJECTED, REACQUIRED = range(3)
 VERDICTS = ("admitted", "rejected", "reacquired")
-# A deviation that moves the twist by this share of the slip's standard deviation is observable after some
-# hundred correlation times of the slip: about a minute of such motion.
+# An error of a parameter that changes the twist by this share of the slip's standard deviation is
+# observable after some hundred correlation times of the slip: about a minute of such motion.
 EXCITED = 0.1
 # Reasons to reject a late measurement.
 TOO_OLD, HISTORY_FULL = "older than Settings.history", "history is full"
-# Standard deviations of the levelling by the robot file, and of the tilt, beyond which this is wrong;
-# largest standard deviation with which it counts as known [rad].
+# Tilt of a wrong mounting, in standard deviations of the robot file's levelling plus of the estimate, and
+# largest standard deviation of a known tilt [rad].
 TILTED, KNOWN_TILT = 5.0, 0.02
 # Stamp [ns], verdict, innovation and its covariance, see `JudgedInnovation`.
 Judged = tuple[int, int, tuple[float, ...], tuple[tuple[float, ...], ...]]
@@ -109,11 +109,11 @@ class SensorHealth:
         return self.nis_sum / self.degrees if self.degrees else float("nan")
 
     def reject(self, reason: str) -> None:
-        """Count one that did not update the filter."""
+        """Count a measurement that did not update the filter."""
         self.rejected[reason] = self.rejected.get(reason, 0) + 1
 
     def take_back(self, reason: str) -> None:
-        """Take back one of `reject`."""
+        """Take back a call of `reject`."""
         self.rejected[reason] -= 1
         if not self.rejected[reason]:
             del self.rejected[reason]
@@ -128,8 +128,8 @@ class TrackLatencyHealth:
     """Latency of the track speeds' stamps.
 
     Attributes:
-        used: what is taken off the stamps [s].
-        estimated: what turning shows, by gyro and tracks; None before there was enough (5 rad) [s].
+        used: latency that is subtracted from the stamps [s].
+        estimated: estimate from turning, by gyro and tracks; None before there was enough (5 rad) [s].
         sigma: standard error of `estimated` [s].
     """
 
@@ -141,12 +141,12 @@ class TrackLatencyHealth:
 class NoiseHealth(NamedTuple):
     """Noise density of one axis of the IMU.
 
-    The gyro's is in rad/s/√Hz, those of the accelerometers are in m/s²/√Hz.
+    Units are rad/s/√Hz for the gyro and m/s²/√Hz for the accelerometers.
 
     Attributes:
         measured: from the differences of the newest readings; None before there are any.
         of_file: in the robot file.
-        assumed: in the filter: the file's, unless the measured one differs clearly.
+        assumed: in the filter: the file's density, unless the measured density differs clearly.
     """
 
     measured: float | None
@@ -196,8 +196,8 @@ def tilt_health(sums: TiltRecord, imu: Imu) -> TiltHealth | None:
     tilt = tilt_of(sums)
     if tilt is None or tilt.sigma > KNOWN_TILT:
         return None
-    level = imu.accelerometer_bias_sigma / GRAVITY
-    is_wrong = max(abs(tilt.roll), abs(tilt.pitch)) > TILTED * (level + tilt.sigma)
+    levelling_sigma = imu.accelerometer_bias_sigma / GRAVITY
+    is_wrong = max(abs(tilt.roll), abs(tilt.pitch)) > TILTED * (levelling_sigma + tilt.sigma)
     roll, pitch, sigma = map(math.degrees, tilt)
     return TiltHealth(roll, pitch, sigma, is_wrong)
 
@@ -289,7 +289,7 @@ class Health:
 
 
 def add_findings(health: Health, record: Any, x: Floats, P: Floats, imu: Imu) -> None:
-    """Add to health what a filter finds, by its `FilterRecord`, state and covariance."""
+    """Add noise, findings, slip, wander and tilt of a filter with this `FilterRecord`."""
     gyro = record.tracks.gyro
     health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
     health.findings, health.times = findings_of(record), times_of(record)
@@ -309,14 +309,15 @@ def add_findings(health: Health, record: Any, x: Floats, P: Floats, imu: Imu) ->
 def add_arrivals(health: Health, arrivals: Health) -> None:
     """Add the counts of refused and late measurements, and findings from them."""
     health.clock_steps += arrivals.clock_steps
-    for stream, counts in arrivals.sensors.items():
-        counted = health.sensor(stream)
-        counted.late += counts.late
-        for reason, count in counts.rejected.items():
-            counted.rejected[reason] = counted.rejected.get(reason, 0) + count
-        sensor = health.sensors.get("gyro" if stream == "imu" else stream, SensorHealth())
-        reached = max(sensor.used, sensor.judged_count)
-        health.findings += refused_stream(stream, counts.rejected, reached)
+    for stream, arrived in arrivals.sensors.items():
+        total = health.sensor(stream)
+        total.late += arrived.late
+        for reason, count in arrived.rejected.items():
+            total.rejected[reason] = total.rejected.get(reason, 0) + count
+        # IMU samples that reach the filter are counted by its gyro.
+        in_filter = health.sensors.get("gyro" if stream == "imu" else stream, SensorHealth())
+        reached = max(in_filter.used, in_filter.judged_count)
+        health.findings += refused_stream(stream, arrived.rejected, reached)
 
 
 @dataclass(frozen=True)

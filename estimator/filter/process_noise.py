@@ -21,7 +21,7 @@ from icreckon.estimator.sensors.step_inputs import StepInputs
 
 PUSHED_W = 0.3  # yaw rate of a robot that is pushed with its tracks at rest [rad/s]
 FULL_TURNING = 0.1  # difference of track speeds from which parameters walk in full [m/s]
-GROUND_TIME = 1.0  # correlation time of what other ground adds to the slip [s]
+GROUND_TIME = 1.0  # correlation time of the slip that other ground adds [s]
 SIDEWAYS_IN_GAP = 0.1  # sideways motion that may begin in a gap, as a share of forward motion
 # Variance of a yaw of which nothing is known, uniform over a whole turn [rad²].
 UNKNOWN_YAW = math.pi**2 / 3.0
@@ -36,11 +36,14 @@ class Disturbances:
         self.bias_walk = np.zeros(s.SIZE)  # random walk of the biases, per √s
         self.bias_walk[s.GYRO_BIAS] = robot.imu.gyro_bias_walk
         self.bias_walk[s.ACCELEROMETER_BIASES] = robot.imu.accelerometer_bias_walk
-        self.slope_walk, slope = np.zeros(s.SIZE), robot.slope  # that of gravity, per √m of travel
+        self.slope_walk, slope = (
+            np.zeros(s.SIZE),
+            robot.slope,
+        )  # random walk of gravity, per √m of travel
         self.slope_walk[s.GRAVITY] = slope.walk if slope.sigma > 0.0 else 0.0
         # Rate of forgetting [1/m]: a Gauss-Markov process in the distance, of this standard deviation.
         self.slope_forgetting = 0.5 * (slope.walk / slope.sigma) ** 2 if slope.sigma > 0.0 else 0.0
-        self.parameter_walk = np.zeros(s.SIZE)  # that of the parameters at its full rate, per √s
+        self.parameter_walk = np.zeros(s.SIZE)  # random walk of the parameters in turns, per √s
         self.parameter_walk[s.PARAMETERS] = parameter_walk
 
     def slip_sigma(
@@ -59,15 +62,14 @@ class Disturbances:
     ) -> Floats:
         """(3, 3) density of the fast slip over a step.
 
-        The density is the sum of the errors of the track speeds and of their lateness, the white part of
-        the slip of this `sigma`, that of w which begins within the step, the possible change of stale
-        speeds, and slides of the robot. `by_speeds` (3, 2) is the derivative of the twist by the track
-        speeds, `dt` the length of the step [s].
+        It is the sum of errors of the track speeds, of their delay, of the slip of w that is white or
+        begins within the step (`sigma` [m/s, m/s, rad/s]), of stale speeds, and of slides. `by_speeds`
+        (3, 2) is the derivative of the twist by the track speeds, `dt` the length of the step [s].
         """
         integral = gauss_markov(dt, self.slip.time_constant).integral
         white = white_density(self.slip.white_time, integral, dt)
-        of_w = inputs.speed_decay * sigma[2]
-        return np.array(fast_slip_density(inputs, by_speeds.tolist(), white, of_w, dt))
+        sigma_w = inputs.speed_decay * sigma[2]
+        return np.array(fast_slip_density(inputs, by_speeds.tolist(), white, sigma_w, dt))
 
 
 def slip_at(
@@ -89,12 +91,11 @@ def slip_at(
 
 
 def slip_times(time_constant: float, factor: float) -> Vector3:
-    """Correlation times of the slip of v_x, v_y and w [s], by that without a factor.
+    """Correlation times of the slip of v_x, v_y and w [s] with a factor on the slip.
 
-    What a factor adds to the slip along the tracks lasts longer than what bends make: as long as the
-    robot is on that ground. The time is the mean of both, weighted by their variances. The others stay:
-    to the side the robot slips in bends, and a long slip could be a wrong yaw; the gyro shows that of w,
-    and a long one could be its bias.
+    `time_constant` [s] is of slip in bends. Slip of v_x that the factor adds lasts longer, as long as the
+    robot is on that ground: its time is the mean of both, weighted by their variances. A lasting slip of
+    v_y could be an error of the yaw, one of w the gyro's bias: their times do not change.
     """
     own_share = 1.0 / (factor * factor)
     mean = own_share * time_constant + (1.0 - own_share) * GROUND_TIME
@@ -102,7 +103,7 @@ def slip_times(time_constant: float, factor: float) -> Vector3:
 
 
 def lasting_slip(slip: Any, heading: tuple[Any, Any], interval: Any) -> tuple[Any, Any, Any]:
-    """Errors of x, y [m] and slip [m/s] if the slip of v_x has lasted an interval [s]."""
+    """Errors of x, y [m] and slip [m/s] if a slip of v_x has lasted an interval [s]."""
     lasting = slip * min(1.0, interval / GROUND_TIME)
     distance = 0.5 * interval * lasting
     return heading[0] * distance, heading[1] * distance, lasting
@@ -116,8 +117,8 @@ def change_density(sigma: float, time_constant: float) -> float:
 def white_density(white_time: float, integral: float, dt: float) -> Any:
     """Density of the slip of w within a step, for a slow slip of unit variance [s].
 
-    It is the sum of the white part of the slip, by its `white_time` [s], and of the slow slip that begins
-    within the step of `dt` [s], by what its noise adds to the `integral` [s²], see `GaussMarkov`.
+    It is the sum of the white part of the slip, of `white_time` [s], and of the slow slip that begins
+    within the step of `dt` [s]: its noise adds `integral` [s²] to the integral, see `GaussMarkov`.
     """
     return 2.0 * white_time + integral / select(dt > 0.0, dt, 1.0)
 
@@ -141,7 +142,8 @@ def fast_slip_density(
     yy += gap * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP) + inputs.slide_y_density
     ww = left * (w[0] * w[0]) + right * (w[1] * w[1])
     ww += white * (sigma_w * sigma_w) + inputs.late_density
-    # Over the step, the gap adds no more to the variance of the yaw than `UNKNOWN_YAW`.
+    # A density of the mean speed is twice as large for each track. Over the step, the gap adds at most
+    # `UNKNOWN_YAW` to the variance of the yaw.
     gap_density_w = 2.0 * gap * (w[0] * w[0] + w[1] * w[1])
     ww += gap_density_w * (UNKNOWN_YAW / max(UNKNOWN_YAW, gap_density_w * dt))
     return (xx, xy, xw), (xy, yy, yw), (xw, yw, ww)
@@ -150,19 +152,19 @@ def fast_slip_density(
 def twist_covariance(jacobian: Floats, P: Floats, fastest: float) -> Floats:
     """(3, 3) covariance of the body velocity, by its Jacobian (3, n) and P (n, n).
 
-    That of a standing robot is added: its slip is zero in the model.
+    The covariance of a standing robot, whose slip is zero in the model, is added.
     """
     covariance = np.asarray(jacobian @ P @ jacobian.T) + np.diag(STANDSTILL_VARIANCE)
-    v_x, v_y = (share_of_sigma(covariance.item(axis, axis), fastest) for axis in (0, 1))
-    shares = np.array([v_x, v_y, 1.0])
+    of_x, of_y = (share_of_sigma(covariance.item(axis, axis), fastest) for axis in (0, 1))
+    shares = np.array([of_x, of_y, 1.0])
     return covariance * np.outer(shares, shares)
 
 
 def share_of_sigma(variance: Any, fastest: Any) -> Any:
     """Factor that bounds the sigma of v_x or v_y by the highest track speed [m/s].
 
-    The fast slip is white. Of a speed that is unknown for long, it has the error of the path, but a
-    larger variance.
+    White fast slip that stands for a speed unknown for long has the error of the path, but a larger
+    variance than the speed.
     """
     limit = fastest * fastest
     return fastest / math.sqrt(select(variance > limit, variance, limit))

@@ -13,7 +13,7 @@ from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.log.series import TrackSpeedSeries
 
 NO_STAMPS: Stamps = np.zeros(0, dtype=np.int64)
-COUNT, WRITTEN, DUE, NEWEST = range(4)  # places in `RunRows.progress`
+COUNT, WRITTEN, DUE, NEWEST = range(4)  # places in `RunRows.progress`, in the order of its comment
 
 
 class SampleArrays(NamedTuple):
@@ -74,8 +74,8 @@ class RunRows(NamedTuple):
     # (n, 3) newest normalised innovation of each gate of the IMU since the row before, or NaN
     innovations: Floats
     faults: Flags  # (n, k) 1 for each fault that lasts, see `FAULT_COLUMNS`
-    judged: Stamps  # (3,) stamps of those in the newest row that has one [ns]
-    # (4,) number of filled rows, stamp of the newest [ns], 1 if one is due, newest measurement [ns]
+    judged: Stamps  # (3,) stamps of the newest of `innovations` that are in a row [ns]
+    # (4,) number of filled rows, stamp of the newest [ns], 1 if a row is due, newest measurement [ns]
     progress: Stamps
 
 
@@ -112,5 +112,5 @@ def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
         if imu.linear_acceleration is not None:
             # NaN stands for no reading there, and becomes 0; infinity becomes absurdly large.
             readings.append((np.nan_to_num(imu.linear_acceleration), ABSURD_FORCE))
-    # Not "larger": NaN counts as absurd, too.
+    # "not <=" in place of ">": NaN is absurd, too.
     return any(not np.abs(values).max(initial=0.0) <= most for values, most in readings)

@@ -1,11 +1,11 @@
 """Factor on the slip, and scatter, by successive position fixes.
 
 The innovations of a filter with the right slip are white: they are uncorrelated. If the slip is larger
-than assumed, or the parameters are those of other ground, those of successive fixes point to the same
-side of the robot. Their weighted mean, the trend, shows that long before the size of single ones does:
-an error of 2 cm/s is less than the noise of a fix, and the mean of five fixes is not. Errors of fixes
-that wander point to one side, too, but are no larger than the fixes state, while slip makes innovations
-larger. So a trend of small ones counts less.
+than assumed, or the parameters are of other ground, successive innovations point to the same side of the
+robot. Their weighted mean, the trend, indicates it long before the size of single ones does: an error of
+2 cm/s is less than the noise of one fix, but more than the noise of a mean of five. Errors of fixes that
+wander point to one side, too, but are no larger than stated, while slip makes innovations larger. So a
+trend of small innovations counts less.
 
 Calls for each position fix, in order:
 
@@ -41,22 +41,22 @@ WHITE_TREND_VARIANCE = TREND_WEIGHT / (2.0 - TREND_WEIGHT)
 FULL_SIZE = 0.8  # size of the innovations below which a trend counts less: it scatters by a quarter
 # Weight of a position fix in the factor on the slip, at speeds above this [m/s].
 FACTOR_WEIGHT, MOVING = 1.0 / 30.0, 0.1
-MEMORY = 300.0  # fixes while moving in which what was added to the slip fades by 1/e
+MEMORY = 300.0  # number of fixes while moving in which the excess of the factor over 1 falls to 1/e
 # Share of the variances that rounding may leave of a component that the other one determines.
 ROUNDING = 1e-12
-# Normalised square of a trend at which the factor stays: a quarter more than that of white innovations,
-# since a factor that cannot fall below 1 would grow by chance alone.
+# Normalised square of a trend at which the factor does not change: 1 for white innovations, and a quarter
+# more, since a factor that cannot fall below 1 would grow by chance alone.
 EXPECTED_SQUARE = 1.25
-LARGEST_SQUARE, LARGEST_FACTOR = 10.0, 6.0  # largest one that counts, and largest factor
+LARGEST_SQUARE, LARGEST_FACTOR = 10.0, 6.0  # upper bounds of that square and of the factor
 # Weighted mean of normalised innovations, to the front and to the left of the robot, and their size: the
 # mean NIS of a degree of freedom.
 Trend = tuple[Any, Any, Any]
 
 
 def inflate_by_lasting_slip(ekf: Ekf, yaw: float, interval: float) -> None:
-    """Inflate slip and position by the slip that has faded in an interval [s]."""
-    faded = lasting_slip(ekf.x.item(s.SLIP_X), (math.cos(yaw), math.sin(yaw)), interval)
-    ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(faded, faded), of_motion=True)
+    """Inflate slip and position by a slip that may have lasted for an interval [s]."""
+    errors = lasting_slip(ekf.x.item(s.SLIP_X), (math.cos(yaw), math.sin(yaw)), interval)
+    ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(errors, errors), of_motion=True)
 
 
 def normalised(
@@ -111,7 +111,7 @@ def present_factor_after(factor: Any, trend: Trend, left: Any, right: Any) -> An
 def slip_factor_after(factor: Any, present: Any, left: Any, right: Any) -> Any:
     """Factor on the slip after a position fix that the gate admitted.
 
-    Ground that has been met is met again. So the factor is the largest of late, which is forgotten
+    Ground that has been met is met again: the factor is the largest recent one, which is forgotten
     slowly. `present` is by `present_factor_after`; speeds of the tracks are in m/s.
     """
     forgotten = share_of_moving(left, right) / MEMORY
@@ -131,7 +131,7 @@ def follow_scatter(scatter: ScatterRecord, fix: TakenFix, correction: Floats) ->
 
 
 def inflate_by_corrections(ekf: Ekf, scatter: ScatterRecord) -> None:
-    """Inflate all states that last by their corrections with fixes that scatter."""
+    """Inflate all states but the fast slip by their corrections by scattering fixes."""
     variances = np.square(scatter.moved)
     variances[[s.X, s.Y]] = variances[s.X] + variances[s.Y]
     variances[s.FAST_SLIP] = 0.0

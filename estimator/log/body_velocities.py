@@ -13,8 +13,8 @@ from icreckon.estimator.log.measurements import BodyVelocity
 from icreckon.estimator.log.series import PoseSeries
 
 A_SIGMA = Bound("a positive number [m/s]", 0.0, above=True)
-# Time between two poses whose motion is a velocity: errors of poses and stamps count less in a longer
-# one, changes of the velocity more [ns].
+# Least and longest time between two poses for a velocity [ns]: errors of poses and stamps matter less
+# over a longer time, changes of the velocity more.
 LEAST, LONGEST = round(0.08 / NANOSECOND), round(0.5 / NANOSECOND)
 
 
@@ -30,8 +30,8 @@ def body_velocities(
         yaw: direction of the sensor's x axis in `base_link` [rad].
 
     Returns:
-        One for each two poses 0.08 to 0.5 s apart, at the middle of their stamps; poses between are not
-        used.
+        A velocity for each two poses 0.08 to 0.5 s apart, at the middle of their stamps, without those in
+        between.
 
     Raises:
         SettingError: a sigma that is not positive.

@@ -45,7 +45,7 @@ Event = Measurement | Mark  # events in order: measurements, and stochastic clon
 RANKS: dict[type[Event], int] = {kind: rank for rank, kind in enumerate(STREAMS)}
 RANKS[Mark] = 1000
 Key = tuple[int, int]  # sort key of an event: its stamp [ns], and its rank
-CLOCK_STREAMS = "tracks", "imu"  # streams whose stamps show that the clock was set
+CLOCK_STREAMS = "tracks", "imu"  # streams whose stamps indicate that the clock was set
 CLOCK_WITNESSES = 10  # samples in a row that agree before a clock that jumped ahead is accepted
 # Consecutive measurements that are too old, in total and of tracks and IMU each, that indicate a
 # clock that was set back.
@@ -115,10 +115,8 @@ def as_plain(measurement: Measurement) -> Measurement:
     fields = _fields(kind)
     values = [getattr(measurement, name) for name in fields]
     is_plain = type(measurement) is kind and stamp is measurement.stamp
-    if is_plain and all(
-        type(value) is wanted is float
-        for value, wanted in zip(values, fields.values(), strict=True)
-    ):
+    types = zip(map(type, values), fields.values(), strict=True)
+    if is_plain and all(found is float and wanted is float for found, wanted in types):
         return measurement
     converted = [
         _converted(f"{stream}: {name}", wanted, value)
@@ -211,7 +209,7 @@ def kind_of(measurement: Measurement) -> type[Measurement]:
 
 
 def _text(value: Any) -> str:
-    """Text of a value in a message; a large integer has none."""
+    """Text of a value in a message; its type for an integer too large to print."""
     try:
         return repr(value)[:LONGEST_TEXT]
     except ValueError:
@@ -272,7 +270,7 @@ class Admission:
         gyro_axes: axes of the gyro that are used, "xyz" or "z".
 
     Attributes:
-        longest_gap: see above [ns].
+        longest_gap: the argument in nanoseconds.
         witnesses: for each stream that is far ahead, the number of consecutive samples that were, and
             the stamp of the newest of them [ns].
         behind: the newest consecutive measurements that were too old.
@@ -381,7 +379,7 @@ class Admission:
     def objection_to_stamp(self, stream: str, stamp: int, now: int | None) -> str | None:
         """Reason to reject a stamp far ahead, unless others of its stream agree; or None.
 
-        Tracks and IMU alone show that the clock has jumped: fixes far ahead have another clock.
+        Only tracks and IMU indicate that the clock jumped: fixes far ahead have another clock.
 
         Args:
             stream: name of the stream.
@@ -392,11 +390,11 @@ class Admission:
             if self.witnesses:
                 self.witnesses.pop(stream, None)
             return None
-        count, before = self.witnesses.get(stream, (0, stamp))
-        count = count + 1 if abs(stamp - before) <= self.longest_gap else 1
+        count, previous = self.witnesses.get(stream, (0, stamp))
+        count = count + 1 if abs(stamp - previous) <= self.longest_gap else 1
         self.witnesses[stream] = (count, stamp)
-        agree = count >= CLOCK_WITNESSES and stream in CLOCK_STREAMS
-        return None if agree else "stamp far ahead"
+        has_jumped = count >= CLOCK_WITNESSES and stream in CLOCK_STREAMS
+        return None if has_jumped else "stamp far ahead"
 
 
 def _are_usual(values: Any, most: float) -> bool:
@@ -411,7 +409,7 @@ def _are_usual(values: Any, most: float) -> bool:
 def _objection_to_sigma(sigma: float | Sequence[float]) -> str | None:
     """Reason to reject a sigma that is not positive, or whose square is 0 or infinite."""
     sigmas = sigma if isinstance(sigma, tuple) else (sigma,)
-    are_positive = all(one > 0.0 < one * one < math.inf for one in sigmas)
+    are_positive = all(one > 0.0 and 0.0 < one * one < math.inf for one in sigmas)
     return None if are_positive else "sigma not positive"
 
 

@@ -3,8 +3,8 @@
 Changes over short windows are compared, so that drift and frames do not matter: turns of angles,
 distances of places. At each candidate lag a straight line is fitted, since units, scale and bias may
 differ. The cost is the mean absolute residual: jumps of a truth and slip of a track do not move its
-minimum. A standard error follows from leaving out blocks of the windows. A lag that the data do not
-show is a `NoLag`.
+minimum. The standard error is that of a jackknife over blocks of windows. If there is no clear lag, the
+result is a `NoLag`.
 """
 
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ AROUND = np.arange(-0.3, 0.3001, 0.02)  # grid about a lag of `FAR` [s]
 WINDOW, SPACING = 1.0, 0.1  # length of the windows, and least distance between them [s]
 FEWEST, FEWEST_FAR, MOST = 10 * BLOCKS, 300, 20_000
 """Least numbers of windows for lags of `NEAR` and `FAR`, and the most that are used."""
-LARGEST_HOLE = 0.5  # windows with a longer gap between samples are left out [s]
+LARGEST_HOLE = 0.5  # windows with a longer gap between samples are excluded [s]
 LEAST_AGREEMENT, LEAST_FAR = 0.1, 0.5
 """Share of the spread that the line has to explain, at lags of `NEAR` and `FAR` [-]."""
-CERTAIN = 0.04  # standard error up to which a lag counts even if it is within it [s]
+CERTAIN = 0.04  # standard error up to which an insignificant lag is reported, too [s]
 LEAST_TURN, LEAST_SPEEDING = 0.02, 0.05
-"""Least spread of turns [rad] and of distances [m] over the windows at which a lag may show."""
+"""Least spread of turns [rad] and of distances [m] over the windows at which a lag is observable."""
 ROUNDS = 5  # rounds of the line of least absolute residuals
 
 
@@ -69,7 +69,7 @@ class Curve:
 
 
 def turned(stamps: Stamps, rates: Floats) -> Curve:
-    """Angle by rates (n,) as filters take them: each is the mean since the one before."""
+    """Angle by rates (n,), each of which is the mean since the sample before."""
     steps = np.diff(stamps) * NANOSECOND * rates[1:]
     return Curve(stamps, np.concatenate([[0.0], np.cumsum(steps)])[: len(rates)])
 
@@ -85,7 +85,7 @@ def places_of(poses: PoseSeries) -> Curve:
 
 
 def plain_path(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats) -> PoseSeries:
-    """Path at the IMU's stamps, by its yaw rates (n,) [rad/s] and mean track speeds."""
+    """Path at the IMU's stamps, by yaw rates (n,) [rad/s] and the mean of both tracks."""
     yaw = turned(imu.stamps, rates).values
     ends = np.searchsorted(tracks.stamps, imu.stamps).clip(max=len(tracks.stamps) - 1)
     speed = tracks.speeds.mean(axis=1)[ends]
@@ -100,8 +100,8 @@ def find_lag(late: Curve, reference: Curve, *, least: float = 0.0) -> Lag | NoLa
     The reference's changes over the windows need a standard deviation of `least`, in its unit.
 
     Returns:
-        The lag, or the reason why there is none: too short, too little motion, no agreement at any lag,
-        or an error that is larger than both `CERTAIN` and the lag.
+        The lag, or the reason why there is none: the series are too short, move too little, or do not
+        agree at any lag, or the lag is insignificant with an error above `CERTAIN`.
     """
     if min(len(late.stamps), len(reference.stamps)) < 2:
         return NoLag("there are no samples")
@@ -124,8 +124,8 @@ def _search(
 ) -> Lag | NoLag:
     """Search an even grid of lags (m,) [s].
 
-    `NOWHERE` if none agrees, or the best is at an end of the grid. Another `NoLag` for too few windows,
-    too little motion, or a lag within its error, if that is above `CERTAIN`.
+    `NOWHERE` if no lag agrees, or the best is at an end of the grid. Other `NoLag`s: too few windows, too
+    little motion, or an insignificant lag with an error above `CERTAIN`.
     """
     origin = int(late.stamps[0])
     starts = _windows(late, reference, origin, lags)
@@ -147,8 +147,8 @@ def _search(
         return NOWHERE
     # Jackknife: lags from all windows but one block, for each block.
     blocks = np.array_split(np.arange(len(starts)), BLOCKS)
-    without = [np.delete(residuals, block, axis=1).mean(axis=1) for block in blocks]
-    sigma = jackknife_sigma(np.array([_lowest(others_costs, lags) for others_costs in without]))
+    costs_without = [np.delete(residuals, block, axis=1).mean(axis=1) for block in blocks]
+    sigma = jackknife_sigma(np.array([_lowest(others, lags) for others in costs_without]))
     best = Lag(_lowest(costs, lags), float(sigma))
     if best.sigma > CERTAIN and abs(best.seconds) <= BEYOND * best.sigma:
         return NoLag(f"{best.seconds:.2f} ± {best.sigma:.2f} s is within its error")
@@ -171,14 +171,14 @@ def _windows(late: Curve, reference: Curve, origin: int, lags: Floats) -> Floats
 
 
 def _residuals(values: Floats, regressor: Floats) -> Floats:
-    """Absolute residuals (n,) of the line for which their sum is least."""
+    """Absolute residuals (n,) of the line with the least sum of them, by reweighting."""
     smallest = 0.01 * np.std(values)
     weights = np.ones(len(values))
     for _ in range(ROUNDS):
         weights /= weights.sum()
         x, y = regressor - weights @ regressor, values - weights @ values
-        square = weights @ x**2
-        slope = weights @ (x * y) / square if square > 0.0 else 0.0
+        variance = weights @ x**2
+        slope = weights @ (x * y) / variance if variance > 0.0 else 0.0
         residuals = np.abs(y - slope * x)
         weights = 1.0 / np.maximum(residuals, smallest)
     return np.asarray(residuals)

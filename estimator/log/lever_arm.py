@@ -12,9 +12,10 @@ from icreckon.estimator.log.series import PoseSeries
 
 GRID_STEP, WINDOW = 0.1, 2.0  # distance of the starts of windows, and their length [s]
 LARGEST_HOLE = 0.5  # windows across a longer gap in the places are omitted [s]
-ROUNDS = 3  # rounds of headings and lever arm
+ROUNDS = 3  # rounds of headings and lever arm, and of trimming
+FEWEST_WINDOWS = 10  # least number of windows for a lever arm
 TRIMMED_SHARE = 0.8  # share of the windows kept for the lever arm, by their residuals [-]
-LEAST_TURNING = 0.1  # least RMS turning in windows at which a lever arm is observable [rad]
+LEAST_TURNING = 0.1  # least RMS turn in a window at which a lever arm is observable [rad]
 
 
 def at_lever_arm(poses: PoseSeries, lever: Floats) -> PoseSeries:
@@ -29,8 +30,8 @@ def headings_and_lever_arm(
 ) -> tuple[PathHeadings, Floats, PoseSeries] | None:
     """Find headings and lever arm (2,) [m] of places without headings, by a path.
 
-    The path of a point is not that of base_link: headings are found again without the lever arm. Returns
-    the poses of base_link, too; None if the path shows no headings.
+    The place of a point differs from base_link's in turns: headings are found again after the lever arm
+    is subtracted. Returns the poses of base_link, too; None if headings are not observable.
     """
     lever = np.zeros(2)
     headings: PathHeadings
@@ -61,23 +62,24 @@ def lever_arm(places: PoseSeries, path: PoseSeries) -> Floats:
     with R the rotation within the window. Zero with few windows or little turning.
     """
     starts, ends = _windows(places, path)
-    if len(starts) < 10:
+    if len(starts) < FEWEST_WINDOWS:
         return np.zeros(2)
-    true_steps, path_steps = (
+    place_steps, path_steps = (
         relative(interpolate_poses(series, starts), interpolate_poses(series, ends))
         for series in (places, path)
     )
-    angle = true_steps[:, 2]
+    angle = place_steps[:, 2]
     if np.sqrt(np.mean(angle**2)) < LEAST_TURNING:
         return np.zeros(2)
-    cos, sin = np.cos(angle) - 1.0, np.sin(angle)
+    cos_less_one, sin = np.cos(angle) - 1.0, np.sin(angle)
     # Matrices R - I (n, 2, 2) of the windows.
-    design = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], axis=1)
-    motion_difference = (true_steps - path_steps)[:, :2]
-    keep, lever = np.ones(len(motion_difference), dtype=bool), np.zeros(2)
-    for _ in range(3):
-        wanted = motion_difference[keep].ravel()
-        lever = np.linalg.lstsq(design[keep].reshape(-1, 2), wanted, rcond=None)[0]
-        residual = np.hypot(*(motion_difference - design @ lever).T)
+    rows = np.stack([cos_less_one, -sin], -1), np.stack([sin, cos_less_one], -1)
+    design = np.stack(rows, axis=1)
+    differences = (place_steps - path_steps)[:, :2]
+    keep, lever = np.ones(len(differences), dtype=bool), np.zeros(2)
+    for _ in range(ROUNDS):
+        kept = design[keep].reshape(-1, 2), differences[keep].ravel()
+        lever = np.linalg.lstsq(*kept, rcond=None)[0]
+        residual = np.hypot(*(differences - design @ lever).T)
         keep = residual <= np.quantile(residual, TRIMMED_SHARE)
     return np.asarray(lever)

@@ -38,8 +38,8 @@ from icreckon.estimator.log.series import (
     rows_of,
 )
 
-NO_LIMIT = 1e300  # no stamp and no speed is rejected for being far from others
-AT_A_TIME = 8192  # number of measurements of a log that are made at once
+NO_LIMIT = 1e300  # largest track speed for `Admission` if the robot is not known [m/s]
+AT_A_TIME = 8192  # number of measurements of a stream that are made at once
 
 _Maker = Callable[[Indexes], list[Measurement]]
 """Function from indices into a stream to its measurements, in that order."""
@@ -86,8 +86,8 @@ class Log:
     ) -> Log:
         """Make a log of measurements in any order, to `run` a filter over or to `smooth`.
 
-        Implausible measurements are dropped and counted, and of those of one kind with one stamp all
-        but the first.
+        Implausible measurements are dropped and counted, and so are measurements of one type and stamp
+        after the first.
 
         Args:
             measurements: measurements, as for an estimator.
@@ -236,7 +236,7 @@ def screen(
     rising = _longest_rising(stamps, keep)
     kept = np.flatnonzero(rising)
     if len(kept):
-        # The samples kept before and after each one.
+        # Indices of the kept samples before and after each one.
         place = np.searchsorted(kept, np.arange(count))
         before = kept[np.maximum(place - 1, 0)]
         after = kept[np.minimum(place, len(kept) - 1)]

@@ -1,7 +1,7 @@
-"""Headings of a truth: check that they are some, or find them from its path.
+"""Headings of a truth: check them, or find them from its path.
 
-A position in a map shows no heading. But over some metres the path by tracks and gyro has the right
-shape. The turn that lays it over the positions around a stamp, plus its own yaw there, is the heading.
+A position has no heading. But over some metres the path by tracks and gyro has the right shape: the
+heading is its yaw, plus the turn that aligns it with the positions around a stamp.
 """
 
 from typing import Any, NamedTuple
@@ -14,19 +14,19 @@ from icreckon.estimator.log.scores import interpolate, interpolate_poses, path_l
 from icreckon.estimator.log.series import PoseSeries, Truth, running_integral
 
 STEP = 0.5  # distance between the places whose course is compared with the heading [m]
-FEWEST_STEPS = 10  # least number of such steps that show something
+FEWEST_STEPS = 10  # least number of such steps for a check
 LEAST_AGREEMENT = 0.4
 """Least length of the mean vector of course less heading: 1 if they always agree, 0 for chance [-]."""
 SLOW = 0.05  # speed below which a true twist has no direction [m/s]
-TURNED = 0.5  # turning by the true twists at which a heading is to change [rad]
+TURNED = 0.5  # turning by the true twists at which headings must differ [rad]
 TURN_STEP = 2.0  # time over which turning by headings and by the gyro is compared [s]
-LEAST_TURNING = 2.0  # least turning by the gyro that shows something [rad]
-MOST_APART = 0.1  # largest mean square of the difference, over that of the gyro's turning [-]
+LEAST_TURNING = 2.0  # least turning by the gyro for that comparison [rad]
+MOST_APART = 0.1  # largest sum of squared differences, over the squares of the gyro's turning [-]
 SAME = 1e-9  # headings that differ by less are the same [rad]
 REACH = 5.0  # distance along the path, to each side, over which it is aligned [m]
-ALIKE = 1.0  # distance along the path over which errors of the positions are alike [m]
-LEAST_EXTENT = 1.0  # least extent of that part, root mean square, at which its turn is used [m]
-LARGEST_SIGMA = 0.3  # largest standard error at which it is [rad]
+ALIKE = 1.0  # distance along the path over which errors of the positions are correlated [m]
+LEAST_EXTENT = 1.0  # least RMS extent of an aligned part of the path whose turn is used [m]
+LARGEST_SIGMA = 0.3  # largest standard error of a turn that is used [rad]
 
 
 class PathHeadings(NamedTuple):
@@ -34,8 +34,8 @@ class PathHeadings(NamedTuple):
 
     poses: PoseSeries  # positions with headings, and the distance along the path
     sigma: float  # median of the headings' standard errors [rad]
-    start_sigma: float  # that of the first heading [rad]
-    noise: float  # distance of the positions from the path over a few metres, per axis [m]
+    start_sigma: float  # standard error of the first heading [rad]
+    noise: float  # RMS distance of the positions from the path over a few metres, per axis [m]
     scale: float  # length of the positions over that of the path [-]
 
 
@@ -62,7 +62,7 @@ def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> st
     middle = poses.stamps[(ends[1:] + ends[:-1]) // 2]
     course = np.arctan2(steps[:, 1], steps[:, 0])
     difference = course - interpolate(poses.stamps, yaw[:, None], middle)[:, 0]
-    # Without twists the robot may drive backwards: differences of half a turn count as none.
+    # Without twists the robot may drive backwards: twice the difference makes half a turn a full one.
     multiple = 2.0
     if truth.twists is not None:
         v_x, v_y, _ = interpolate(truth.twists.stamps, truth.twists.twists, middle).T
@@ -111,8 +111,8 @@ def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | Non
     """Find the headings of positions by a path of the same robot, in any frame.
 
     Around each position the path is turned so that it fits the positions best (least squares). Where the
-    robot has hardly moved, the turn is interpolated between those before and after. Headings are within
-    the time of the path; None if the robot moves too little to see any.
+    robot has hardly moved, the turn is interpolated from its neighbours. Headings are limited to the time
+    of the path; None if the robot moves too little for any.
     """
     inside = (places.stamps >= path.stamps[0]) & (places.stamps <= path.stamps[-1])
     stamps = places.stamps[inside]
@@ -123,14 +123,14 @@ def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | Non
     turn, scale, sigma, variance, is_good = _turns(z, x + 1j * y)
     if not is_good.any():
         return None
-    # Noise of the positions lengthens their path, but not the scale.
-    travelled = interpolate(path.stamps, path_length(path)[:, None], stamps)[:, 0]
+    # Distances are of the scaled path: noise of the positions would lengthen theirs.
+    path_travelled = interpolate(path.stamps, path_length(path)[:, None], stamps)[:, 0]
     length_ratio = float(np.median(scale[is_good]))
     known, everywhere = np.flatnonzero(is_good), np.arange(len(stamps))
     turns = np.interp(everywhere, known, np.unwrap(turn[is_good]))
     sigmas = np.interp(everywhere, known, sigma[is_good])
     columns = np.column_stack([places.poses[inside, :2], yaw + turns])
-    poses = PoseSeries(stamps, columns, travelled=length_ratio * travelled)
+    poses = PoseSeries(stamps, columns, travelled=length_ratio * path_travelled)
     noise = float(np.sqrt(np.median(variance[is_good])))
     return PathHeadings(poses, float(np.median(sigmas)), float(sigmas[0]), noise, length_ratio)
 
@@ -161,7 +161,7 @@ def _turns(z: NDArray[Any], r: NDArray[Any]) -> tuple[Floats, Floats, Floats, Fl
     misfit = np.maximum(square_r + square_z - 2.0 * np.abs(cross), 0.0)
     variance = misfit / np.maximum(2 * count - 3, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        # Errors are alike over some distance: a lever arm, slip, multipath.
+        # Errors are correlated over some distance: by a lever arm, slip, multipath.
         span = distance[np.minimum(last, len(distance)) - 1] - distance[first]
         scale = np.abs(cross) / square_r
         sigma = np.sqrt(variance * count / square_r / np.maximum(span / ALIKE, 2.0))

@@ -89,7 +89,7 @@ def mean_ratio(errors: Floats, distances: Floats, horizon: float) -> Floats:
 
 
 def interpolate(known: Stamps, values: Floats, stamps: Stamps) -> Floats:
-    """Columns (n, k) at `stamps`, linear between those (m, k) at `known` stamps [ns]."""
+    """Values (n, k) at `stamps`, linear between values (m, k) at `known` stamps [ns]."""
     wanted, seconds = (stamps - known[0]) * NANOSECOND, (known - known[0]) * NANOSECOND
     return np.stack([np.interp(wanted, seconds, column) for column in values.T], axis=-1)
 
@@ -219,7 +219,7 @@ def pieces(stamps: Stamps, largest_gap: float) -> Indexes:
 
 
 def are_within(piece: Indexes, times: NDArray[Any], begins: Any, ends: Any) -> Flags:
-    """Mask (k,) of intervals within one piece, by pieces and times (n,) of stamps."""
+    """Mask (k,) of intervals within one piece; times and their `pieces` are (n,)."""
     first = np.clip(np.searchsorted(times, begins, side="right") - 1, 0, None)
     last = np.minimum(np.searchsorted(times, ends), len(piece) - 1)
     return np.asarray(piece[first] == piece[last])
@@ -330,7 +330,7 @@ def pose_nees(
     errors[:, 2] = wrap_angle(errors[:, 2])
     covariances = estimate.pose_covariances[np.searchsorted(estimate.stamps, stamps)]
     if position_only:
-        # With an independent error of zero the yaw adds nothing.
+        # An independent yaw error of zero adds nothing to the NEES.
         errors[:, 2], covariances[:, 2], covariances[:, :, 2] = 0.0, 0.0, 0.0
         covariances[:, 2, 2] = 1.0
     values = nees(errors, covariances)
@@ -340,5 +340,5 @@ def pose_nees(
 def without_fixes(fix_stamps: Stamps, start: int, end: int, shortest: float) -> list[Interval]:
     """Intervals without fixes between two stamps [ns], of at least `shortest` [s]."""
     edges = np.concatenate([[start], np.clip(fix_stamps, start, end), [end]])
-    long = np.flatnonzero(np.diff(edges) >= int(shortest / NANOSECOND))
-    return [(int(edges[i]), int(edges[i + 1])) for i in long]
+    long_gaps = np.flatnonzero(np.diff(edges) >= int(shortest / NANOSECOND))
+    return [(int(edges[i]), int(edges[i + 1])) for i in long_gaps]

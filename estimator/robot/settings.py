@@ -124,7 +124,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             Python, number by number, for debugging: almost 300 times slower. They agree to rounding.
         slip: the slip residual, or None for the variant's default.
         adaptation: prior and random walk of the parameters, or None for the variant's default.
-        hold: age from which track speeds are stale [s].
+        hold: age from which track speeds are stale; more than the interval of the tracks [s].
         gap_acceleration: random walk of track speeds that are stale or stuck [m/s/√s].
         history: largest delay of a measurement behind newer ones [s]. It is processed at its own stamp,
             and later measurements are re-run; older ones are rejected. At 0, no measurement older than

@@ -42,11 +42,11 @@ DYING_AWAY = 2.0  # time constant with which stale speeds decay [s]
 USUAL_TRACK_INTERVAL = 0.02  # assumed interval before it is measured [s]
 # The file's noise counts while the measured density is at most this many times as large.
 MORE_NOISE = 25.0
-# Speeds are averaged over this share of `hold` if their noise, times the root of the interval, is larger
-# than this [m]. It is 0.6 of the distance per count.
+# Speeds are averaged over this share of `hold` if their noise times the root of the interval, about 0.6
+# of the distance per count, is larger than `COARSE` [m].
 AVERAGED_SHARE, COARSE = 0.3, 1.5e-3
-NOISE_MEMORY = 30.0  # time of driving that the measured noise is a mean over [s]
-NOISE_FREE = 50  # number of differences without noise that it begins with: a start is a jump
+NOISE_MEMORY = 30.0  # time of driving over which the noise is averaged [s]
+NOISE_FREE = 50  # the average begins as if this many differences had no noise: a start is a jump
 
 
 class TrackRecord(msgspec.Struct):
@@ -97,19 +97,20 @@ def mean_decay(held: TrackRecord, start: int, end: int, hold_ns: int) -> float:
         return 1.0
     dt, to_age = (end - start) * NANOSECOND, stale * NANOSECOND
     from_age = max(0, start - held.stamp - hold_ns) * NANOSECOND
-    fresh = dt - (to_age - from_age)
+    fresh_time = dt - (to_age - from_age)
+    # The factor is 1 in that time, and exp(-age / DYING_AWAY) after it.
     decayed = math.exp(-from_age / DYING_AWAY) - math.exp(-to_age / DYING_AWAY)
-    return (fresh + DYING_AWAY * decayed) / dt
+    return (fresh_time + DYING_AWAY * decayed) / dt
 
 
 def average(held: TrackRecord, stamp: int, left: float, right: float, hold: float) -> bool:
     """Add track speeds [m/s] to their averages; return True if these are to be held.
 
-    Those of coarse encoders are averaged over some time. Noise of speeds by few counts would become
-    motion: it changes the forces, and the weight of the accelerometers, of the model.
+    Speeds of coarse encoders are averaged over a share of `hold` [s]: noise of a few counts would look
+    like motion, and change the forces and the weight of the accelerometers in the model.
     """
     interval = (stamp - held.stamp) * NANOSECOND
-    # The average of equal speeds is exactly the same: a stuck sensor repeats itself.
+    # An average of equal speeds is exactly that speed, so that a stuck sensor is still found.
     share = (stamp - held.arrived) * NANOSECOND / interval
     held.arrived = stamp
     held.average_left += share * (left - held.average_left)
@@ -124,20 +125,19 @@ def take_tracks(
     """Add a later sample at a stamp [ns] to a record: speeds of both tracks [m/s]."""
     repeating = held.repeating_left, held.repeating_right
     was_frozen = frozen_from(*repeating, settings.track_speed) != NEVER
-    left_sticks = repeating_after(repeating[0], stamp, left, right, settings.hold)
-    right_sticks = repeating_after(repeating[1], stamp, right, left, settings.hold)
+    left_newly_stuck = repeating_after(repeating[0], stamp, left, right, settings.hold)
+    right_newly_stuck = repeating_after(repeating[1], stamp, right, left, settings.hold)
     newly_frozen = not was_frozen and frozen_from(*repeating, settings.track_speed) != NEVER
-    spin, rests = held.spin, left == 0.0 == right
+    spin, rests = held.spin, left == 0.0 and right == 0.0
     change = right - left - (spin.right - spin.left)
     spin.left, spin.right = left, right
     left, right = assumed_speeds(spin, stamp, left, right)
-    hold, weight, short_weight = settings.hold, 1.0, 1.0
+    smooth_weight, mean_weight = 1.0, 1.0  # after a gap the averages start again
     interval = (stamp - held.stamp) * NANOSECOND
-    if interval <= hold:
+    if interval <= settings.hold:
         held.interval = interval
-        weight = smoothing_share(interval, SMOOTHING)
-        short_weight = min(1.0, interval / AVERAGING)
-        # Averaged changes over the time between samples.
+        smooth_weight = smoothing_share(interval, SMOOTHING)
+        mean_weight = min(1.0, interval / AVERAGING)
         rate = min(1.0, interval / ACCELERATION_AVERAGING) / interval
         a_l, a_r = held.acceleration_left, held.acceleration_right
         held.acceleration_left = a_l + rate * (left - held.left - a_l * interval)
@@ -147,20 +147,20 @@ def take_tracks(
         held.acceleration_left = held.acceleration_right = 0.0
         held.run = 1
     measure_track_noise(held, change, interval, rests)
-    held.smooth_left += weight * (left - held.smooth_left)
-    held.smooth_right += weight * (right - held.smooth_right)
-    held.mean += short_weight * (0.5 * (left + right) - held.mean)
+    held.smooth_left += smooth_weight * (left - held.smooth_left)
+    held.smooth_right += smooth_weight * (right - held.smooth_right)
+    held.mean += mean_weight * (0.5 * (left + right) - held.mean)
     held.stamp, held.left, held.right = stamp, left, right
     held.arrived, held.average_left, held.average_right = stamp, 0.0, 0.0
     # Frozen: both sensors repeat one reading at the same time.
-    held.stuck += left_sticks + right_sticks + 2 * newly_frozen
+    held.stuck += left_newly_stuck + right_newly_stuck + 2 * newly_frozen
 
 
 def measure_track_noise(held: TrackRecord, change: float, interval: float, rests: bool) -> None:
     """Add a change of right speed less left [m/s] over an interval [s] to the noise.
 
-    Second differences cancel accelerations. Unlike the IMU's, those of zero count and none is clipped:
-    jumps are rare, counts are not. At rest encoders have no noise.
+    Second differences cancel accelerations. Unlike for the IMU, differences of zero are included and none
+    is clipped: steps of a coarse encoder are its noise. Encoders at rest have none.
     """
     size = abs(change - held.change) * math.sqrt(interval / DIFFERENCE_VARIANCE)
     held.change = change
@@ -179,13 +179,13 @@ def take_motion(
     force_y: float,
     settings: InputSettings,
 ) -> float:
-    """Add an IMU sample, which shows spinning tracks, slides and faults of the gyro.
+    """Add an IMU sample to the watches over spinning tracks, slides and the gyro.
 
     Args:
         held: record of the track speeds, changed in place.
         stamp: stamp of the IMU sample [ns].
         rate: yaw rate by the gyro [rad/s], NaN if it is not known.
-        reading: its reading about the most upright axis of the IMU [rad/s].
+        reading: reading of the gyro about the most upright axis of the IMU [rad/s].
         force_x: specific force forward [m/s²], or NaN.
         force_y: specific force to the left [m/s²], or NaN.
         settings: settings of the filter.
@@ -196,23 +196,20 @@ def take_motion(
     if held.stamp == NEVER or rate != rate:
         return rate
     spin = held.spin
-    # The width that bends have shown; 0 before there was one.
-    width = width_of_bends(spin)
-    if width == 0.0:
-        width = settings.track_width
-    turning, turning_before = spin.right - spin.left, held.smooth_right - held.smooth_left
+    width = width_of_bends(spin) or settings.track_width  # 0 before the robot has turned enough
+    # Right speed less left [m/s], effective track width [m], and the smoothed difference [m/s].
+    by_tracks = spin.right - spin.left, width, held.smooth_right - held.smooth_left
     limits = settings.gyro_range, settings.yaw_acceleration
-    rate = watch_gyro(held.gyro, stamp, rate, reading, turning, width, turning_before, *limits)
+    rate = watch_gyro(held.gyro, stamp, rate, reading, *by_tracks, *limits)
     if rate != rate or stamp - held.stamp > settings.hold_ns:
         return rate
     watch_slide(held.forward, stamp, force_x, held.mean)
-    # A sensor that repeats itself while the other track changes, or both, may be stuck: that is no spin.
-    repeating = held.repeating_left, held.repeating_right
-    left_zero, right_zero = reads_zero(repeating[0]), reads_zero(repeating[1])
-    left_sticks = may_stick(repeating[0]) and not left_zero
-    right_sticks = may_stick(repeating[1]) and not right_zero
-    is_frozen = frozen_from(*repeating, settings.track_speed) != NEVER
-    if (left_sticks or right_sticks or is_frozen) and not is_found(spin):
+    # Sensors that repeat their readings may be stuck: that is not spin.
+    left, right = held.repeating_left, held.repeating_right
+    left_zero, right_zero = reads_zero(left), reads_zero(right)
+    may_be_stuck = (may_stick(left) and not left_zero) or (may_stick(right) and not right_zero)
+    is_frozen = frozen_from(left, right, settings.track_speed) != NEVER
+    if (may_be_stuck or is_frozen) and not is_found(spin):
         forget_mismatch(spin)
         spin.stamp = stamp
         return rate
@@ -232,15 +229,17 @@ def late_density(held: TrackRecord, start: int, end: int, settings: InputSetting
     """Error density of the yaw rate by late track speeds, over a step [rad²/s].
 
     The step is between two stamps [ns]. A speed is the mean of the interval before its stamp, and is held
-    after it. So it is older than the middle of the step, and the change of the yaw rate since then counts
-    as one standard deviation, independent from step to step. For stale speeds see `gap_density`.
+    after it. So its middle is older than the middle of the step. The change of the yaw rate in between
+    is one standard deviation, independent from step to step. For stale speeds see `gap_density`.
     """
     dt, held_for = (end - start) * NANOSECOND, (end - held.stamp) * NANOSECOND
     if held_for > settings.hold:
         return 0.0
     age = held_for + 0.5 * (held.interval - dt)
-    late = (held.acceleration_right - held.acceleration_left) * age / settings.track_width
-    return late * late * dt
+    yaw_rate_change = (
+        (held.acceleration_right - held.acceleration_left) * age / settings.track_width
+    )
+    return yaw_rate_change * yaw_rate_change * dt
 
 
 def speeds_at(held: TrackRecord, now: int, hold_ns: int) -> tuple[float, float]:
@@ -255,11 +254,11 @@ def speeds_at(held: TrackRecord, now: int, hold_ns: int) -> tuple[float, float]:
 def count_distance(
     held: TrackRecord, start: int, before: int, left: float, right: float, hold_ns: int
 ) -> None:
-    """Add the distances of the newest sample, of mean speeds since the one before.
+    """Add the distances of the newest sample: its speeds are means since the last.
 
-    The estimate, at `start` [ns] or NEVER, used the old speeds: the distance that these missed goes to
-    `behind`. After a gap, longer than `hold_ns`, the new speeds count from the estimate on. The sample
-    before had the stamp `before` [ns], or NEVER, and the speeds `left` and `right` [m/s].
+    The estimate, at `start` [ns] or NEVER, was made with the old speeds: the distance that they missed is
+    added to `behind`. After a gap, longer than `hold_ns`, the new speeds count from the estimate on. The
+    last sample had the stamp `before` [ns], or NEVER, and the speeds `left` and `right` [m/s].
     """
     if held.counted_from != start:
         held.counted_from = start
@@ -268,10 +267,10 @@ def count_distance(
         return
     before = start if held.stamp - before > hold_ns else before
     known = max(before, start)
-    ahead, behind = (held.stamp - known) * NANOSECOND, (known - before) * NANOSECOND
-    held.ahead_left += ahead * held.left
-    held.ahead_right += ahead * held.right
-    held.behind += 0.5 * behind * (held.left - left + held.right - right)
+    time_ahead, time_behind = (held.stamp - known) * NANOSECOND, (known - before) * NANOSECOND
+    held.ahead_left += time_ahead * held.left
+    held.ahead_right += time_ahead * held.right
+    held.behind += 0.5 * time_behind * (held.left - left + held.right - right)
 
 
 def mean_speeds(held: TrackRecord, start: int, end: int, hold_ns: int) -> Vector3:
@@ -295,11 +294,11 @@ def mean_speeds(held: TrackRecord, start: int, end: int, hold_ns: int) -> Vector
 def coarse_density(held: TrackRecord, settings: InputSettings) -> float:
     """Error density of each track's speed by coarse encoders [m²/s].
 
-    It adds to that of the file, and is zero unless the measured noise is clearly larger.
+    It is added to the density of the file, and zero unless the measured noise is clearly larger.
     """
-    # The noise is that of the difference of both tracks.
-    of_each = 0.5 * SIGMA_OVER_MEAN_SIZE * SIGMA_OVER_MEAN_SIZE
-    return max(0.0, of_each * held.noise * held.noise - MORE_NOISE * settings.track_density)
+    # `noise` is the mean size of the difference of both tracks: half of its variance is of each.
+    half = 0.5 * SIGMA_OVER_MEAN_SIZE * SIGMA_OVER_MEAN_SIZE
+    return max(0.0, half * held.noise * held.noise - MORE_NOISE * settings.track_density)
 
 
 def gap_density(held: TrackRecord, start: int, end: int, settings: InputSettings) -> float:
@@ -314,7 +313,7 @@ def gap_density(held: TrackRecord, start: int, end: int, settings: InputSettings
 
 def stuck_density(track: Repeating, start: int, end: int, settings: InputSettings) -> float:
     """Error density over a step between two stamps [ns] of a track, if stuck [m²/s]."""
-    # Most tracks change with each sample: that is decided first, to save time.
+    # Most readings change with each sample: decided first, to save time.
     if track.since == track.newest:
         return 0.0
     since = stuck_from(track, settings.hold)
@@ -324,14 +323,14 @@ def stuck_density(track: Repeating, start: int, end: int, settings: InputSetting
 def unknown_density(since: int, start: int, end: int, settings: InputSettings) -> float:
     """Error density over a step of speeds that are unknown since a stamp [ns] [m²/s].
 
-    If a speed walks at random with density g², the variance of its distance after a time T is g² T³ / 3.
-    White noise of density g² t² gives the same. The distance is off by T times the fastest speed at most.
+    If a speed is a random walk of density g², the variance of its distance after a time T is g² T³ / 3.
+    White noise of density g² t² gives the same. The error of the distance is at most T times the fastest
+    speed: white noise of density 2 v² t has that variance.
     """
     dt = (end - start) * NANOSECOND
     if dt <= 0.0:
         return 0.0
     from_age, to_age = max(0, start - since) * NANOSECOND, max(0, end - since) * NANOSECOND
-    # Growth of T² over the step, per second [s], for this limit.
     square_growth = (to_age * to_age - from_age * from_age) / dt
     mean_square = (to_age * to_age * to_age - from_age * from_age * from_age) / (3.0 * dt)
     walk, fastest = settings.gap_acceleration, settings.fastest

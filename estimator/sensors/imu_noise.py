@@ -26,13 +26,13 @@ CLIP = 4.0
 DIFFERENCE_VARIANCE, SIGMA_OVER_MEAN_SIZE = 6.0, math.sqrt(0.5 * math.pi)
 # An interval that is longer than the usual one by this factor is a gap: differences start again.
 GAP_FACTOR = 1.7
-# The file's noise counts while the measured noise is at most this many times as large, driving or with
-# resting tracks, or this many times as small. Jolts of driving are among the differences, and are motion.
+# The file's noise is assumed while the measured noise is at most this many times as large, driving or
+# with resting tracks, or as small: differences of readings include jolts of driving, which are motion.
 MORE_DRIVING, MORE_AT_REST, LESS = 2.5, 1.5, 5.0
-# Least noise of the gyro that counts, over that of the file: the delay of the track speeds counts like
-# noise as a robot drives on, even if the gyro has none.
+# Least noise of the gyro that is assumed, over that of the file: the delay of the track speeds acts like
+# noise while a robot drives, even if the gyro has none.
 LEAST_GYRO_SHARE = 0.3
-# Noise of the first sample, over that of the file: it may be shaken, which the next ones show.
+# Noise of the first sample, over that of the file: the robot may be shaken, which later samples show.
 FACTOR_AT_START = 30.0
 CARRIED_FORCE = 1e4  # density of the specific force of a robot that is carried [m²/s³]
 
@@ -57,7 +57,7 @@ class Differences(msgspec.Struct, array_like=True):
 class AxisNoise(msgspec.Struct):
     """Noise of one axis."""
 
-    total: float = 0.0  # sum of the readings of the block under way
+    total: float = 0.0  # sum of the readings of the block in progress
     readings: Differences = msgspec.field(default_factory=Differences)  # of single readings
     blocks: Differences = msgspec.field(default_factory=Differences)  # of means over blocks
 
@@ -66,7 +66,7 @@ class NoiseRecord(msgspec.Struct):
     """Record of the noise of an IMU."""
 
     is_first: Flag = 1  # 1 until the second sample
-    in_block: Count = 0  # number of readings in the block under way
+    in_block: Count = 0  # number of readings in the block in progress
     readings: Pace = msgspec.field(default_factory=Pace)  # clock of the distinct readings
     blocks: Pace = msgspec.field(default_factory=Pace)  # clock of the blocks
     gyro: AxisNoise = msgspec.field(default_factory=AxisNoise)  # noise of the yaw rate
@@ -97,11 +97,10 @@ def measure_noise(
     force_y = force_y if force_y == force_y else y.readings.newest
     pace, block_pace = noise.readings, noise.blocks
     noise.is_first = 1 if pace.stamp == NEVER else 0
-    if not noise.is_first:
-        repeated = rate == gyro.readings.newest and force_x == x.readings.newest
-        if repeated and force_y == y.readings.newest:
-            # A driver that repeats samples: they hold no noise of their own.
-            return
+    is_repeated = rate == gyro.readings.newest and force_x == x.readings.newest
+    if not noise.is_first and is_repeated and force_y == y.readings.newest:
+        # A driver that repeats samples: they hold no noise of their own.
+        return
     dt = next_interval(pace, stamp, hold)
     add_value(gyro.readings, rate, pace.run, dt, pace.interval)
     add_value(x.readings, force_x, pace.run, dt, pace.interval)
@@ -117,11 +116,10 @@ def measure_noise(
     y.total += force_y
     if (stamp - block_pace.stamp) * NANOSECOND < BLOCK:
         return
-    count = noise.in_block
-    dt = next_interval(block_pace, stamp, hold)
-    add_value(gyro.blocks, gyro.total / count, block_pace.run, dt, block_pace.interval)
-    add_value(x.blocks, x.total / count, block_pace.run, dt, block_pace.interval)
-    add_value(y.blocks, y.total / count, block_pace.run, dt, block_pace.interval)
+    count, block_dt = noise.in_block, next_interval(block_pace, stamp, hold)
+    add_value(gyro.blocks, gyro.total / count, block_pace.run, block_dt, block_pace.interval)
+    add_value(x.blocks, x.total / count, block_pace.run, block_dt, block_pace.interval)
+    add_value(y.blocks, y.total / count, block_pace.run, block_dt, block_pace.interval)
     noise.in_block = 0
     gyro.total = x.total = y.total = 0.0
 
@@ -145,7 +143,7 @@ def add_value(differences: Differences, value: float, run: int, dt: float, inter
     change = value - differences.newest
     difference = abs(change - differences.change)
     differences.newest, differences.change = value, change
-    # Equal differences are those of a coarse or constant reading, which hides its noise.
+    # A coarse or constant reading has equal differences, which hide its noise.
     if run < 3 or not difference > 0.0:
         return
     differences.count += 1
@@ -164,9 +162,9 @@ def measured_noise(axis: AxisNoise) -> float:
 def assumed_noise(axis: AxisNoise, stated: float, factor: float, least: float) -> float:
     """Noise density of an axis that the filter assumes [unit²/Hz].
 
-    The density is that of the robot file, `stated` [unit/√Hz], if the measured one agrees with it, and
-    the measured one if that is larger by the factor, or clearly smaller; it changes continuously between
-    them. Noise below the share `least` of the file's does not count.
+    It is the density of the robot file, `stated` [unit/√Hz], unless the measured density is more than
+    `factor` times or less than 1 / `LESS` of it. Beyond these limits it changes continuously to the
+    measured density, but not below `least` times the file's.
     """
     measured, density = measured_noise(axis), stated
     if measured > factor * stated:
@@ -179,8 +177,8 @@ def assumed_noise(axis: AxisNoise, stated: float, factor: float, least: float) -
 def imu_noise(noise: NoiseRecord, at_rest: bool, settings: InputSettings) -> ImuNoise:
     """Noise of an IMU that the filter assumes.
 
-    The accelerometers' noise of a robot file contains slopes and jolts that are slower than a block. So
-    measured noise may make it larger, never smaller. `at_rest`: the tracks rest.
+    The accelerometers' noise in a robot file includes slopes and jolts that are slower than a block: a
+    measured density may increase it, but not reduce it. `at_rest`: the tracks rest.
     """
     gyro, force = settings.gyro_noise_density, settings.accelerometer_noise_density
     factor = MORE_AT_REST if at_rest else MORE_DRIVING

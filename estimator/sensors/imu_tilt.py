@@ -40,8 +40,8 @@ class Tilt(NamedTuple):
 def add_rates(sums: TiltRecord, interval: float, yaw: float, roll: float, pitch: float) -> float:
     """Add yaw, roll and pitch rates over an interval [s] by the gyros, NaN if unknown.
 
-    Returns the error density of roll and pitch [rad²/s]. Half the square of the change between readings
-    is the variance of white noise, and an outlier adds the square of its angle.
+    Returns the error density of roll and pitch [rad²/s]: half of the square of the change between
+    readings is the variance of white noise. An outlier adds about the square of its angle.
     """
     if yaw != yaw or roll != roll:
         return 0.0
@@ -62,13 +62,14 @@ def tilt_of(sums: TiltRecord) -> Tilt | None:
     """Tilt by the readings so far; None before the robot has turned."""
     if sums.time == 0.0:
         return None
-    mean = sums.turned / sums.time
-    yaw_spread = sums.square - mean * sums.turned
+    mean_yaw_rate = sums.turned / sums.time
+    yaw_spread = sums.square - mean_yaw_rate * sums.turned
     if not yaw_spread > 0.0:
         return None
-    roll = (sums.pitch_in_turns - mean * sums.pitched) / yaw_spread
-    pitch = -(sums.roll_in_turns - mean * sums.rolled) / yaw_spread
+    roll = (sums.pitch_in_turns - mean_yaw_rate * sums.pitched) / yaw_spread
+    pitch = -(sums.roll_in_turns - mean_yaw_rate * sums.rolled) / yaw_spread
     by_biases = (sums.rolled * sums.rolled + sums.pitched * sums.pitched) / sums.time
+    # Sum of squares of both rates that neither biases nor tilt explain; half of it is of each.
     residual = sums.tilted - by_biases - yaw_spread * (roll * roll + pitch * pitch)
     variance = ROLLING_TIME * 0.5 * max(0.0, residual) / sums.time / yaw_spread
     return Tilt(roll, pitch, variance**0.5)

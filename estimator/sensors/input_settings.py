@@ -11,7 +11,7 @@ MOST_FRICTION = 2.0  # coefficient of friction beyond that of any tyre, bumps in
 # Standard deviations within which a gyro's bias lies, and at least this [rad/s]: 20 deg/s, the
 # zero-rate output of the coarsest gyros (data sheet of the MPU-6050).
 BIAS_SIGMAS, LEAST_BIAS_RANGE = 5.0, 0.35
-# Share of the standard deviation of its bias by which that may change between standstills.
+# Usual change of a gyro's bias between standstills, as a share of its initial standard deviation.
 USUAL_CHANGE = 0.5
 
 
@@ -25,23 +25,24 @@ class InputSettings(NamedTuple):
     track_density: float  # error density of a track's speed by the noise of its sensor [m²/s]
     track_speed: float  # slower tracks are stopped [m/s]
     duration_ns: int  # duration of a standstill before it is detected [ns]
-    quiet_gyro: float  # largest distance of quiet yaw-rate readings from their mean [rad/s]
+    quiet_gyro: float  # yaw rates within this of their mean are always quiet [rad/s]
     track_width: float  # effective track width by the robot file [m]
-    yaw_acceleration: float  # more than friction can turn the robot [rad/s²]
+    yaw_acceleration: float  # upper bound of the angular acceleration by friction [rad/s²]
     gyro_range: float  # range of the gyro; 0 if unknown [rad/s]
     gyro_bias: float  # its bias at the start [rad/s]
-    most_bias: float  # no bias is further from that [rad/s]
+    most_bias: float  # largest difference of any bias from `gyro_bias` [rad/s]
     usual_change: float  # usual change of the bias between standstills [rad/s]
     gyro_noise_density: float  # noise density of the gyro in the robot file [rad/s/√Hz]
     accelerometer_noise_density: float  # that of the accelerometers [m/s²/√Hz]
-    undetected_share: float  # slip of both tracks that nothing shows, as a share of their speed [-]
+    undetected_share: float  # slip of both tracks that no sensor measures, over their speed [-]
     undetected_time: float  # time for which it lasts [s]
 
 
 def input_settings(robot: Robot, settings: Settings) -> InputSettings:
     """Settings of a robot's filter."""
     standstill, vehicle = settings.standstill, robot.vehicle
-    # Both tracks pull with all friction, to opposite sides, on a plate as large as the contact's outline.
+    # Tracks that pull in opposite directions with all friction turn a plate of the contact's outline:
+    # torque mu m g width / 2, moment of inertia m (width² + length²) / 12.
     width, length = vehicle.track_gauge, 2.0 * vehicle.half_contact_length
     yaw_acceleration = MOST_FRICTION * GRAVITY * 6.0 * width / (width * width + length * length)
     return InputSettings(

@@ -29,10 +29,10 @@ from icreckon.estimator.sensors.predictions import Prediction as Prediction  # f
 MOST_COMPONENTS = 3
 # A twist measurement does not move pose and height, which are to be continuous.
 POSE_FIXED = (s.X, s.Y, s.YAW, s.Z)
-# A zero velocity moves only the slip. The slip was another before the stop, and its error would go into
-# biases and parameters.
+# A zero velocity moves only the slip: it differs from the slip before the stop, and the difference would
+# be attributed to biases and parameters.
 STANDING_FIXED = (*POSE_FIXED, *range(s.LEARNT.start, s.LEARNT.stop), s.GRAVITY_X, s.GRAVITY_Y)
-# A height moves itself, the slope, and the biases that are known together with it.
+# A height moves the height, the slope, and the biases that are correlated with the slope.
 WITH_HEIGHT = (s.Z, *range(s.ACCELEROMETER_BIAS_X, s.GYRO_BIAS_Y + 1), s.GRAVITY_X, s.GRAVITY_Y)
 
 # Names of the accelerometers, forward and left, and of all sensors of the IMU.
@@ -43,28 +43,26 @@ M = TypeVar("M", bound=Measurement)
 Quantity = Literal["pose", "twist", "height"]
 
 
-def imu_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
-    """States that the IMU does not move, except parameters that it is `taught`.
+def imu_fixed(updated_parameters: tuple[int, ...]) -> tuple[int, ...]:
+    """States that the IMU does not move: pose, scales, parameters not at these places.
 
-    These are the pose, the scales of tracks and gyro, and most parameters. The IMU sees them only through
-    other errors of the motion, which it would attribute to them: against tracks that slip in gentle bends
+    The IMU would attribute other errors of the motion to them: against tracks that slip in gentle bends,
     the scale of a healthy gyro went 6 % wrong. Fixes and body velocities measure them.
     """
-    moved = (s.PARAMETERS.start + place for place in taught)
+    moved = (s.PARAMETERS.start + place for place in updated_parameters)
     parameters = set(range(s.PARAMETERS.start, s.PARAMETERS.stop)).difference(moved)
     return (*POSE_FIXED, *sorted(parameters), s.TRACK_SCALE, s.GYRO_SCALE)
 
 
-def gyro_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
+def gyro_fixed(updated_parameters: tuple[int, ...]) -> tuple[int, ...]:
     """States that neither the gyro nor a standstill moves; argument as in `imu_fixed`.
 
-    They are those of `imu_fixed`, gravity along the ground, and the biases of the accelerometers and of
-    the rates of roll and pitch, which are known together with it. Gyro and standstill see a slope only
-    through the slip that the model gives it. Without accelerometers all errors of the model would be
-    taken for slopes.
+    To the states of `imu_fixed` it adds gravity along the ground, and the biases that are correlated with
+    it: of the accelerometers and of the rates of roll and pitch. Gyro and standstill measure a slope only
+    by the slip that the model predicts on it: errors of the model would be taken for slopes.
     """
     biases = range(s.ACCELEROMETER_BIASES.start, s.GYRO_BIAS_Y + 1)
-    return (*imu_fixed(taught), *biases, s.GRAVITY_X, s.GRAVITY_Y)
+    return (*imu_fixed(updated_parameters), *biases, s.GRAVITY_X, s.GRAVITY_Y)
 
 
 class Linearised(NamedTuple):
@@ -79,8 +77,8 @@ def checked(name: str, count: int, states: int, linearised: Any) -> Linearised:
     """Check a linearised measurement of a sensor, and convert it to arrays.
 
     Raises:
-        EstimatorError: they are no numbers, or not of `count` components and `states` states; the message
-            has the `name` of the sensor.
+        EstimatorError: a part is not numeric, has a shape that does not fit `count` components and
+            `states` states, or R has a negative variance; the message has the sensor's `name`.
     """
     wanted, shapes = ((count,), (count, states), (count, count)), ""
     with suppress(TypeError, ValueError):

@@ -1,8 +1,8 @@
 """Predicted pose and twist: now, or a little after the newest step.
 
 A measurement between two IMU samples must not end the step: the pose would follow the track speeds alone,
-and since the IMU moves no pose, the next sample could not take back what was slip. Such a measurement is
-compared with a prediction ahead, and corrects the state where it stands. Until then the motion is assumed
+and since the IMU does not move the pose, the next sample could not correct the slip. Such a measurement
+is compared with a prediction ahead, and corrects the present state. Until its stamp the twist is assumed
 constant, except for a new fast slip of unknown value.
 """
 
@@ -41,13 +41,13 @@ def height_now(x: Floats) -> Prediction:
 
 
 def pose_ahead(x: Floats, model: TwistModel, density: Floats, elapsed: float) -> Prediction:
-    """Predict the pose of a state (SIZE,) and its twist, `elapsed` after the step [s].
+    """Predict the pose of a state (SIZE,) after some seconds at constant twist.
 
-    The density (3, 3) of the fast slip is by `icreckon.estimator.filter.process_noise`.
+    `density` (3, 3) is that of the fast slip, see `filter.process_noise`.
     """
     twist, jacobian = _without_fast_slip(x, model)
-    step, by_yaw, rows = step_on_se2(x.item(s.YAW), (twist * elapsed).tolist())
-    by_motion = np.array(rows)
+    step, by_yaw, step_by_motion = step_on_se2(x.item(s.YAW), (twist * elapsed).tolist())
+    by_motion = np.array(step_by_motion)
     H = by_motion @ jacobian * elapsed
     H[s.POSE, s.POSE] += np.eye(3)
     H[s.POSITION, s.YAW] += by_yaw
@@ -55,20 +55,20 @@ def pose_ahead(x: Floats, model: TwistModel, density: Floats, elapsed: float) ->
 
 
 def point_on_robot(pose: Prediction, gravity: Floats, place: tuple[float, ...]) -> Prediction:
-    """Position of a point of the robot by a predicted pose and gravity.
+    """Position in odom of a point of the robot, by a predicted pose and gravity.
 
     Args:
         pose: pose of base_link.
         gravity: (2,) the states forward and left [m/s²]: a point above base_link leans over by them.
         place: the point in base_link, forward, left and up [m].
     """
-    lean, yaw = place[2] / GRAVITY, pose.values.item(2)
-    from_base = rotate(np.array(place[:2]) + lean * gravity, yaw)
+    lean_by_gravity, yaw = place[2] / GRAVITY, pose.values.item(2)
+    from_base = rotate(np.array(place[:2]) + lean_by_gravity * gravity, yaw)  # in odom [m]
     by_pose = np.eye(3)
     by_pose[:2, 2] = -from_base[1], from_base[0]
     values, H = pose.values.copy(), by_pose @ pose.H
     values[:2] += from_base
-    H[:2, s.GRAVITY] += lean * rotate(np.eye(2), yaw).T
+    H[:2, s.GRAVITY] += lean_by_gravity * rotate(np.eye(2), yaw).T
     return Prediction(values, H, by_pose @ pose.R @ by_pose.T)
 
 

@@ -23,7 +23,7 @@ class Forecast(NamedTuple):
     """Predicted measurement of an accelerometer."""
 
     predicted: float  # prediction without gravity and bias [m/s²]
-    by_across: float  # derivative by the velocity across the axis, to the left or forward [1/s]
+    by_across: float  # derivative by the velocity across the axis [1/s]
     by_w: float  # derivative by the yaw rate [m/s]
     variance: float  # variance of the reading [m²/s⁴]
 
@@ -40,9 +40,9 @@ class SensorModels:
 
     Attributes:
         imu_position: position of the IMU in base_link, forward and left [m].
-        mounting: (6, 3) rates of base_link by the gyros: yaw, roll and pitch, these NaN with a gyro of
-            one axis or on level ground; the reading of the gyro that shows most of the yaw; specific
-            force forward and left by the accelerometers.
+        mounting: (6, 3) axes in the IMU along which readings are projected. Rows 0 to 2: rates of yaw,
+            roll and pitch of base_link; roll and pitch are NaN with a gyro of one axis or on level
+            ground. Row 3: reading of the most upright gyro. Rows 4 and 5: force forward and left.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -51,6 +51,7 @@ class SensorModels:
         forward, leftward, upward = robot.imu_rotation.tolist()
         rows = np.array([upward, forward, leftward])  # rows of yaw, roll and pitch
         if imu.gyro_axes == "z":
+            # One axis reads the yaw rate times the cosine of its tilt.
             rows[0] = 0.0, 0.0, 1.0 / upward[2]
         if imu.gyro_axes == "z" or robot.slope.sigma == 0.0:
             rows[1:] = np.nan
@@ -82,8 +83,8 @@ def accelerometer_forecast(
 ) -> Forecast:
     """Predict the accelerometer measurement; see `reference.imu.accelerometer`.
 
-    With v across the axis to the left (for the forward axis) or forward (for that to the left), and the
-    IMU at (x, y): a_x = dv_x/dt - w v_y - y dw/dt - x w², a_y = dv_y/dt + w v_x + x dw/dt - y w².
+    With the IMU at (x, y) in base_link: a_x = dv_x/dt - w v_y - y dw/dt - x w² (forward),
+    a_y = dv_y/dt + w v_x + x dw/dt - y w² (left).
 
     Args:
         position: position of the IMU in base_link, forward and left [m].
@@ -91,25 +92,26 @@ def accelerometer_forecast(
         density: noise density of the accelerometer [m²/s³].
         interval: time between samples [s].
         twist: (3,) twist of base_link.
-        by_speeds: (3, 2) its derivative by the track speeds.
+        by_speeds: (3, 2) its derivative by the speeds of the left and the right track.
         change: change of the track speeds.
         slip_density: density of the change of the slip along the axis [m²/s³].
     """
-    across, w = twist[1 - axis], twist[2]
-    side = 1.0 if axis else -1.0
-    lever, along = side * position[1 - axis], position[axis]
-    by_axis, by_turning = (by_speeds[1] if axis else (0.5, 0.5)), by_speeds[2]
-    # Change of the kinematic twist, from the change of the track speeds.
-    dv, dw = _along(by_axis, change.acceleration), _along(by_turning, change.acceleration)
-    # Variances of the slip's own change over the sample, of the derivative's delay, and of its noise.
-    centripetal = w * w * (twist[0] * twist[0] + twist[1] * twist[1])
-    white = (density + slip_density + CENTRIPETAL_DOUBT * centripetal) / interval
-    turning = dw * lever
-    late = (ACCELERATION_DOUBT * ACCELERATION_DOUBT) * (dv * dv + turning * turning)
-    by_left, by_right = by_axis[0] + lever * by_turning[0], by_axis[1] + lever * by_turning[1]
+    v_across, w = twist[1 - axis], twist[2]
+    sign = 1.0 if axis else -1.0  # of w v and of dw/dt in the equation of the axis
+    lever, along = sign * position[1 - axis], position[axis]
+    # The forward speed is the mean of both tracks.
+    v_by_speeds, w_by_speeds = (by_speeds[1] if axis else (0.5, 0.5)), by_speeds[2]
+    dv, dw = _rate_of(v_by_speeds, change.acceleration), _rate_of(w_by_speeds, change.acceleration)
+    tangential = dw * lever
+    # Variances of noise, slip and model errors in turns; of the delay of dv and dw; of their noise.
+    centripetal_square = w * w * (twist[0] * twist[0] + twist[1] * twist[1])
+    white = (density + slip_density + CENTRIPETAL_DOUBT * centripetal_square) / interval
+    late = (ACCELERATION_DOUBT * ACCELERATION_DOUBT) * (dv * dv + tangential * tangential)
+    by_left = v_by_speeds[0] + lever * w_by_speeds[0]
+    by_right = v_by_speeds[1] + lever * w_by_speeds[1]
     noise = change.variance * (by_left * by_left + by_right * by_right)
-    predicted, by_across = dv + side * w * across + turning - w * w * along, side * w
-    by_w = side * across - 2.0 * w * along
+    predicted, by_across = dv + sign * w * v_across + tangential - w * w * along, sign * w
+    by_w = sign * v_across - 2.0 * w * along
     return Forecast(predicted, by_across, by_w, white + late + noise)
 
 
@@ -122,8 +124,8 @@ def shift(row: Floats, x: Floats, since: Floats) -> float:
     return float(shifted)
 
 
-def _along(by_speeds: Any, acceleration: tuple[float, float]) -> float:
-    """Rate of change by the accelerations of both tracks [m/s²]."""
+def _rate_of(by_speeds: Any, acceleration: tuple[float, float]) -> float:
+    """Rate of change of a speed or yaw rate, by accelerations of the tracks [m/s²]."""
     return by_speeds[0] * acceleration[0] + by_speeds[1] * acceleration[1]  # type: ignore[no-any-return]
 
 

@@ -19,8 +19,8 @@ from icreckon.estimator.base.records import NEVER, Stamp
 from icreckon.estimator.sensors.input_settings import InputSettings
 
 ROOM = 64  # size of a buffer of readings that grows
-# Standard deviations within which quiet readings are about their mean: of the file's noise, and of
-# measured noise beyond that, which may be that of an engine and no white noise.
+# Largest distance of quiet readings from their mean, in standard deviations: of the file's noise, plus of
+# the measured noise above that, which may be due to an engine and not white.
 SIGMAS_OF_FILE, SIGMAS_OF_MEASURED = 5.0, 8.0
 SIGMAS_OF_MEAN = 4.0  # standard deviations beyond which their mean shows that the bias has changed
 SLOW_TURN = 0.5  # a slow turn is this share of a bias that changed, at one standard deviation
@@ -28,8 +28,8 @@ SLOW_TURN = 0.5  # a slow turn is this share of a bias that changed, at one stan
 # stops rocks for a moment.
 ROCKING_TIME = 1.0
 CARRIED_SPEED = 0.5  # standard deviation of the speed of a carried robot [m/s]
-# Time for which the mean differs before it is a bias that changed at rest [s]: a robot begins to turn
-# sooner, before coarse encoders count.
+# Time for which the mean must differ to be a bias that changed at rest [s]: a robot that begins to turn
+# moves its encoders sooner, coarse ones too.
 LASTING = 2.0
 
 
@@ -95,12 +95,12 @@ def quiet_mean(
 ) -> float:
     """Add a yaw-rate reading; return the mean of quiet readings at standstill.
 
-    The mean is NaN if the tracks move, readings were not quiet for long enough, or the mean is no bias.
-    Without newer track speeds a rest lasts until the readings or their mean show that it may have ended.
+    The mean is NaN if the tracks move, the readings were not quiet for long enough, or the mean is too
+    large for a bias. If the track speeds are stale, a rest ends where readings or their mean change.
 
     Args:
         still: record, changed in place.
-        stamps: buffer for stamps of readings [ns], as long as the readings of `duration_ns` and three.
+        stamps: buffer for stamps [ns], with room for the readings of `duration_ns` and three more.
         rates: buffer of the same length for readings [rad/s]; `ValueError` if either is too short.
         stamp: stamp of the reading [ns].
         rate: the reading [rad/s], NaN if the gyro fails.
@@ -117,12 +117,12 @@ def quiet_mean(
     for k in range(first, end):
         total += rates[k]
     mean = total / (end - first)
-    per_second = (end - first - 1) * 1e9 / max(1, stamp - stamps[first])
-    of_file = settings.gyro_noise_density
-    spread = SIGMAS_OF_FILE * of_file + SIGMAS_OF_MEASURED * max(0.0, noise - of_file)
-    quiet = max(settings.quiet_gyro, spread * math.sqrt(per_second))
+    readings_per_second = (end - first - 1) * 1e9 / max(1, stamp - stamps[first])
+    file_noise = settings.gyro_noise_density
+    spread = SIGMAS_OF_FILE * file_noise + SIGMAS_OF_MEASURED * max(0.0, noise - file_noise)
+    most_apart = max(settings.quiet_gyro, spread * math.sqrt(readings_per_second))  # [rad/s]
     for k in range(end - 1, first - 1, -1):
-        if abs(rates[k] - mean) > quiet:
+        if abs(rates[k] - mean) > most_apart:
             # Readings begin to count after the newest one that is not quiet.
             still.first = min(k + 1, end - 1)
             if still.stopped_since <= oldest_needed:
@@ -130,17 +130,12 @@ def quiet_mean(
             return math.nan
     if still.stopped_since > oldest_needed or stamps[first] > oldest_needed:
         return math.nan
-    if abs(mean - settings.gyro_bias) > settings.most_bias:
-        # Smooth, and no bias: it turns.
-        add_restless(still, stamp, is_silent)
-        return math.nan
-    mean_sigma = max(of_file, noise) / math.sqrt(settings.duration_ns * NANOSECOND)
-    by_noise = SIGMAS_OF_MEAN * math.sqrt(2.0) * mean_sigma
-    if (
-        is_silent
-        and still.quiet_at >= still.stopped_since
-        and abs(mean - still.quiet_mean) > by_noise
-    ):
+    is_steady_turn = abs(mean - settings.gyro_bias) > settings.most_bias
+    mean_sigma = max(file_noise, noise) / math.sqrt(settings.duration_ns * NANOSECOND)
+    by_noise = SIGMAS_OF_MEAN * math.sqrt(2.0) * mean_sigma  # for a difference of two means
+    has_stood = still.quiet_at >= still.stopped_since
+    has_changed = has_stood and abs(mean - still.quiet_mean) > by_noise
+    if is_steady_turn or (is_silent and has_changed):
         add_restless(still, stamp, is_silent)
         return math.nan
     settle(still)
@@ -189,29 +184,29 @@ def add_quiet(still: StandstillRecord, stamp: int, mean: float, usual_change: fl
 def follow_mean(
     still: StandstillRecord, stamp: int, by_noise: float, settings: InputSettings
 ) -> None:
-    """Follow the quiet mean since the robot stands.
+    """Set the steady mean when the robot has stopped, or its quiet mean has changed.
 
-    Where another one, by more than `by_noise` [rad/s], lasts, the bias changed at rest: the time of it
-    is set as `rest_time`. A robot that has just stopped has a new mean.
+    If the mean differs by more than `by_noise` [rad/s] for `LASTING`, the bias changed at rest:
+    `rest_time` becomes the time since that change.
     """
-    is_new = still.rest_time + still.drive_time >= settings.duration_ns * NANOSECOND
-    if not is_new and abs(still.quiet_mean - still.steady_mean) > by_noise:
+    replaces_steady = still.rest_time + still.drive_time >= settings.duration_ns * NANOSECOND
+    if not replaces_steady and abs(still.quiet_mean - still.steady_mean) > by_noise:
         if still.moved_at == NEVER:
             still.moved_at = stamp
-        moved_time = (stamp - still.moved_at) * NANOSECOND
-        if moved_time < LASTING:
+        changed_time = (stamp - still.moved_at) * NANOSECOND
+        if changed_time < LASTING:
             return
-        still.rest_time = moved_time
-        is_new = True
+        still.rest_time = changed_time
+        replaces_steady = True
     still.moved_at = NEVER
-    if is_new:
+    if replaces_steady:
         still.steady_mean = still.quiet_mean
 
 
 def add_restless(still: StandstillRecord, stamp: int, is_silent: bool) -> None:
     """Add a stamp [ns] of unrest with resting tracks; a robot is carried if it lasts.
 
-    With stale track speeds it may drive as well.
+    If the track speeds are stale (`is_silent`), the robot may drive, and the rest ends.
     """
     if still.restless_since == NEVER:
         still.restless_since = stamp
@@ -225,7 +220,7 @@ def add_restless(still: StandstillRecord, stamp: int, is_silent: bool) -> None:
 
 
 def settle(still: StandstillRecord) -> None:
-    """Reset the marks of a robot that is shaken or carried."""
+    """Record that the robot is neither shaken nor carried."""
     still.restless_since, still.carried_since = NEVER, NEVER
 
 
@@ -235,17 +230,17 @@ def is_carried(still: StandstillRecord) -> bool:
 
 
 def carried_density(still: StandstillRecord, start: int, end: int) -> float:
-    """Error density of a carried robot's velocity over a step [ns] [m²/s]."""
+    """Error density of a carried robot's velocity between two stamps [ns] [m²/s]."""
     since = still.restless_since
     if not is_carried(still):
         return 0.0
-    # The distance is off by the speed times its duration, at one standard deviation.
+    # The standard deviation of the distance is the speed times the time since then.
     age = max(0.0, 0.5 * (start - since + end - since) * NANOSECOND)
     return 2.0 * CARRIED_SPEED * CARRIED_SPEED * age
 
 
 def turn_density(still: StandstillRecord, start: int, end: int) -> float:
-    """Error density of the yaw in a step [ns] if the quiet mean has changed [rad²/s]."""
+    """Error density of the yaw between stamps [ns] if the quiet mean changed [rad²/s]."""
     if still.changed_at == NEVER:
         return 0.0
     rate, since = SLOW_TURN * (still.quiet_mean - still.mean_before), still.changed_at
@@ -255,10 +250,11 @@ def turn_density(still: StandstillRecord, start: int, end: int) -> float:
 def creep_density(coarse: float, interval: float, settings: InputSettings) -> float:
     """Density of the yaw rate at rest that coarse encoders hide [rad²/s].
 
-    Each track may move by less than a count, which an error density [m²/s] and an interval [s] show.
+    Each track may move by less than a count, which follows from the error density of coarse encoders
+    [m²/s] and the interval of the track speeds [s].
     """
-    # Readings of an encoder have a variance of a sixth of a count's square; a distance below a count has
-    # a third of it. White noise of this density leaves as much in the mean over the duration.
+    # In counts squared, readings of an encoder have a variance of 1/6, distances below one count a mean
+    # square of 1/3. White noise of this density gives the mean over the duration that variance.
     width, duration = settings.track_width, settings.duration_ns * NANOSECOND
     return 4.0 * coarse * interval / (width * width * duration)
 
@@ -274,17 +270,18 @@ class BiasChange(NamedTuple):
 def bias_change(change: Any, variance: Any, rest_time: Any, drive_time: Any) -> BiasChange:
     """Variances to add to bias and yaw; 0 if noise explains the change of the bias.
 
-    At rest all turning was that of the bias. While driving it may have changed at any time since the
-    robot last stood. The change of the quiet mean [rad/s] has a variance; times are since then [s].
+    The quiet mean differs from the estimated bias by `change` [rad/s]; `variance` is by noise. The new
+    bias acted during all of the rest time, and may have begun at any moment of the drive time [s].
     """
-    square = max(0.0, change * change - SIGMAS_OF_MEAN * SIGMAS_OF_MEAN * variance)
-    of_rest = (1.0 + SLOW_TURN * SLOW_TURN) * (rest_time * rest_time)
-    of_drive = drive_time * drive_time * (1.0 / 3.0)
-    return BiasChange(square, -square * rest_time, square * (of_rest + of_drive))
+    excess = max(0.0, change * change - SIGMAS_OF_MEAN * SIGMAS_OF_MEAN * variance)
+    at_rest = (1.0 + SLOW_TURN * SLOW_TURN) * (rest_time * rest_time)
+    # The mean of the square of a time uniform from 0 to `drive_time`.
+    in_drive = drive_time * drive_time * (1.0 / 3.0)
+    return BiasChange(excess, -excess * rest_time, excess * (at_rest + in_drive))
 
 
 def is_full(still: StandstillRecord, stamps: Stamps) -> bool:
-    """Return True if a buffer needs more room for a reading."""
+    """Return True if a buffer is full, and less than half of it can be freed."""
     return still.end >= len(stamps) > 2 * still.first
 
 
@@ -312,12 +309,11 @@ class QuietReadings:
         """Add a reading, see `quiet_mean`."""
         if is_full(still, self.stamps):
             self.make_room()
-        return float(
-            quiet_mean(still, self.stamps, self.rates, stamp, rate, noise, is_silent, settings)
-        )
+        sample = stamp, rate, noise, is_silent
+        return float(quiet_mean(still, self.stamps, self.rates, *sample, settings))
 
     def memory(self, still: StandstillRecord) -> QuietMemory:
-        """Copy of the readings that count; changes their places in the record to it."""
+        """Copy the readings that count; the record gets their places in the copy."""
         kept = slice(still.first, still.end)
         still.first, still.end = 0, still.end - still.first
         return QuietMemory(tuple(self.stamps[kept].tolist()), tuple(self.rates[kept].tolist()))

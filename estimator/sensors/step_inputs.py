@@ -38,7 +38,7 @@ class StepInputs(NamedTuple):
     left_density: float  # error density of the left track's speed [m²/s]
     right_density: float  # error density of the right track's speed [m²/s]
     gap_density: float  # error density of stale speeds [m²/s]
-    # error density of the forward speed by a slide, by slip that nothing shows, and if carried [m²/s]
+    # error density of the forward speed by a slide, by slip that no sensor measures, or if carried [m²/s]
     slide_x_density: float
     slide_y_density: float  # error density of the speed to the left of a carried robot [m²/s]
     turn_density: float  # error density of the yaw of a robot that may turn while it rests [rad²/s]
@@ -62,9 +62,8 @@ def step_inputs(
     track_noise = settings.track_density + coarse
     if held.left == 0.0 and held.right == 0.0:
         # Encoders of tracks at rest have no noise; coarse ones may not have counted yet.
-        may_creep = (
-            still.stopped_since == NEVER or start - still.stopped_since < settings.duration_ns
-        )
+        since = still.stopped_since
+        may_creep = since == NEVER or start - since < settings.duration_ns
         track_noise = coarse if may_creep else 0.0
     window = max(ACCELERATION_AVERAGING, held.interval)
     carried = carried_density(still, start, end)
@@ -100,7 +99,7 @@ def step_inputs(
 
 
 def hidden_density(held: TrackRecord, settings: InputSettings) -> float:
-    """Error density of the forward speed, by slip that nothing shows [m²/s]."""
+    """Error density of the forward speed by slip that no sensor measures [m²/s]."""
     slip = settings.undetected_share * 0.5 * (abs(held.smooth_left) + abs(held.smooth_right))
     return 2.0 * settings.undetected_time * slip * slip
 

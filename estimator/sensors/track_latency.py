@@ -1,10 +1,9 @@
 """Latency of the track speeds against the gyro, estimated while driving.
 
-Turning shows it: the yaw change in a window by the gyro is a straight line in the yaw change by the
-track speeds in the same window, shifted by the latency. Sums for a regression are kept for each shift
-of a grid, in blocks of equal turning, so that old blocks can be dropped and the standard error follows
-from leaving out one block at a time. A batch version that looks at a whole log is
-`icreckon.replay.estimates.latency`.
+In each window the yaw change by the gyro is a linear function of the yaw change by the track speeds,
+in a window shifted by the latency. Sums of this regression are kept for each shift of a grid, in blocks
+of equal turning: old blocks can be dropped, and the standard error is that of a jackknife over blocks.
+`icreckon.replay.estimates.latency` does the same for a whole log.
 """
 
 import math
@@ -31,7 +30,7 @@ FEWEST_BLOCKS, MOST_BLOCKS = 4, 32
 LARGEST_HOLE = 500_000_000  # gap between samples at which the windows start again [ns]
 LEAST_CORRELATION = 0.7  # smallest correlation of tracks and gyro at which there is an estimate [-]
 CAPACITY = 16_384  # number of samples that are kept to integrate over the windows: 16 s at 1000 Hz
-NO_HOLE = 2**62  # stamp later than all others [ns]
+NO_HOLE = 2**62  # later than all stamps [ns]
 ROOM = 64  # number of samples of a rate that a filter keeps until the watch takes them
 Buffer = Annotated[list[float], msgspec.Meta(min_length=ROOM, max_length=ROOM)]
 
@@ -75,8 +74,8 @@ class TrackLatencyMemory(msgspec.Struct, frozen=True):
 
     origin: int  # stamp at which the grid begins [ns]; NEVER before the first sample
     blocks: np.ndarray[Any, Any]  # (n, 6, m) sums of the completed blocks
-    open: np.ndarray[Any, Any]  # (6, m) sums of the block under way
-    turned: float  # turning in it [rad]
+    open: np.ndarray[Any, Any]  # (6, m) sums of the block in progress
+    turned: float  # turning in that block, by the gyro [rad]
     next_window: int  # start of the next window [ns], or NEVER
     gyro: RateMemory  # yaw rate by the gyro [rad/s]
     tracks: RateMemory  # speed of the right track less that of the left [m/s]
@@ -100,7 +99,7 @@ class _Rate:
         self._rates: Floats = np.zeros(0)
 
     def first_after_hole(self, stamps: Stamps) -> int:
-        """First of some later stamps [ns] after a hole or a clock set back, or `NO_HOLE`."""
+        """First of later stamps [ns] after a hole or a clock set back, or `NO_HOLE`."""
         all_stamps = np.concatenate([self.stamps[-1:], stamps])
         steps = np.diff(all_stamps)
         are_holes = steps > LARGEST_HOLE
@@ -110,7 +109,7 @@ class _Rate:
         return int(all_stamps[holes[0] + 1]) if len(holes) else NO_HOLE
 
     def add(self, stamps: Stamps, rates: Floats) -> None:
-        """Add samples; those whose stamps [ns] do not rise are left out."""
+        """Add samples, without those whose stamps [ns] do not rise."""
         all_stamps = np.concatenate([self.stamps, stamps])
         values = np.concatenate([self._rates, rates])
         rises = np.ones(len(all_stamps), bool)
@@ -147,7 +146,7 @@ class TrackLatencyEstimator:
         self._blocks: deque[Floats] = deque(maxlen=MOST_BLOCKS)
         self._open = np.zeros((6, len(SHIFTS)))
         self._turned, self.completed = 0.0, 0
-        # Number of completed blocks at the newest estimate, and that.
+        # Number of completed blocks at the newest estimate, and that estimate.
         self._newest_estimate: tuple[int, Lag | None] = (0, None)
         self._begin()
 
@@ -156,8 +155,8 @@ class TrackLatencyEstimator:
     ) -> None:
         """Add later samples, at raw stamps [ns], and use the windows that they complete.
 
-        Tracks (n,) have the difference right less left [m/s], in any scale; the gyro (m,) yaw rates with
-        the bias [rad/s]. Many samples at once cost less.
+        `turning` (n,) is the speed of the right track less that of the left [m/s], in any scale; `rates`
+        (m,) are yaw rates of the gyro, bias included [rad/s]. Many samples at once cost less.
         """
         hole = NEVER
         # Add the samples up to each hole in either series; windows start again after it.
@@ -180,7 +179,7 @@ class TrackLatencyEstimator:
             return lag
         lag = None
         if len(self._blocks) >= FEWEST_BLOCKS:
-            # By all blocks, and by all but one, for the jackknife error.
+            # From all blocks, and from all but each one for the jackknife.
             total = np.sum(self._blocks, axis=0)
             best, *without = _best(np.stack([total, *(total - self._blocks)])).tolist()
             sigma = float(jackknife_sigma(np.array(without)))
@@ -205,7 +204,7 @@ class TrackLatencyEstimator:
         self._tracks.recall(memory.tracks)
 
     def _begin(self) -> None:
-        """Begin new windows; completed blocks stay."""
+        """Drop all samples and begin new windows; completed blocks are kept."""
         self._gyro, self._tracks = _Rate(), _Rate()
         self._next = NEVER
 
@@ -216,21 +215,23 @@ class TrackLatencyEstimator:
             return
         if self._origin == NEVER:
             self._origin = int(min(gyro.stamps[0], tracks.stamps[0]))
-        first = int(max(gyro.stamps[0], tracks.stamps[0] - EARLIEST))
-        begin = max(self._next, self._origin - (self._origin - first) // step * step)
+        # Windows start at multiples of a step from the origin: the first that both rates cover.
+        covered_from = int(max(gyro.stamps[0], tracks.stamps[0] - EARLIEST))
+        begin = max(self._next, self._origin - (self._origin - covered_from) // step * step)
         end = int(min(tracks.stamps[-1] - LATEST, gyro.stamps[-1])) - WINDOW * GRID
-        windows = max(0, -((begin - end) // step))
-        self._next = begin
+        windows = max(0, -((begin - end) // step))  # rounded up
+        self._next = begin + windows * step
         if not windows:
             return
         starts = np.arange(windows) * WINDOW_STEP
         by_gyro = gyro.integral(begin, starts[-1] + WINDOW + 1)
         by_tracks = tracks.integral(begin + EARLIEST, starts[-1] + WINDOW + len(SHIFTS))
-        y = by_gyro[starts + WINDOW] - by_gyro[starts]
-        x = sliding_window_view(by_tracks[WINDOW:] - by_tracks[:-WINDOW], len(SHIFTS))[starts]
-        moving = x.any(axis=1)
-        self._add(x[moving], y[moving])
-        self._next = begin + windows * step
+        gyro_turns = by_gyro[starts + WINDOW] - by_gyro[starts]
+        # Row: a window; column: the same window at each of `SHIFTS`.
+        track_turns = by_tracks[WINDOW:] - by_tracks[:-WINDOW]
+        shifted_turns = sliding_window_view(track_turns, len(SHIFTS))[starts]
+        turns = shifted_turns.any(axis=1)
+        self._add(shifted_turns[turns], gyro_turns[turns])
         for rate in (gyro, tracks):
             rate.drop_before(self._next + EARLIEST)
 
@@ -238,7 +239,7 @@ class TrackLatencyEstimator:
         """Add windows: turning by the tracks (n, m), for each shift, and by the gyro (n,)."""
         while len(y):
             turned = self._turned + np.cumsum(np.abs(y)) * (WINDOW_STEP / WINDOW)
-            count = int(np.searchsorted(turned, BLOCK)) + 1  # of windows to the end of a block
+            count = int(np.searchsorted(turned, BLOCK)) + 1  # windows up to the end of the block
             block_x, block_y, ones = x[:count], y[:count], np.ones(len(SHIFTS))
             # Sums of 1, x, y, x², x y and y², for each shift.
             self._open += [
@@ -258,7 +259,7 @@ class TrackLatencyEstimator:
 
 
 def _best(sums: Floats) -> Floats:
-    """Shifts (n,) of the smallest misfit [s] by sums (n, 6, m); NaN if not observable."""
+    """Shifts (k,) of the smallest misfit [s] by sums (k, 6, m); NaN if not observable."""
     n, x, y, xx, xy, yy = np.moveaxis(sums, 1, 0)
     variance = yy - y * y / n
     with np.errstate(divide="ignore", invalid="ignore"):

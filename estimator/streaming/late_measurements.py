@@ -22,7 +22,7 @@ from icreckon.estimator.streaming.reckoning import Reckoning
 LOGGER = logging.getLogger(__name__)
 BEFORE_ALL: Key = (-(2**63), -1)  # before any measurement
 CHECKPOINT_EVERY = 64  # number of measurements between two checkpoints
-# Highest number of measurements that a late one may be behind, however fast they come.
+# Largest number of measurements that a late one may be behind, at any rate of measurements.
 MOST_MEASUREMENTS = 16_000
 
 
@@ -45,7 +45,7 @@ class History:
     """Recent measurements of a filter, which gets them in the order of their stamps.
 
     A late measurement is inserted in its place, the checkpoint before it is restored, and the filter is
-    re-run over all later ones. So the estimate is always that of all measurements so far in the order of
+    re-run over all later ones. So the estimate is always as if all measurements had come in the order of
     their keys (stamp, and rank of the type), to the last bit, wherever the checkpoints are.
 
     Args:
@@ -216,7 +216,7 @@ class History:
         horizon: Key = (self.newest - self._span_ns, -1)
         if len(keys) > MOST_MEASUREMENTS:
             horizon = max(horizon, keys[-MOST_MEASUREMENTS])
-        # The newest checkpoint before the horizon stays, to re-run from it.
+        # The newest checkpoint before the horizon is kept, to re-run from it.
         obsolete = 0
         while obsolete + 1 < len(checkpoints) and checkpoints[obsolete + 1].after < horizon:
             obsolete += 1

@@ -25,7 +25,7 @@ from icreckon.estimator.sensors.track_latency import TrackLatencyMemory
 
 LARGEST_SIGMA = 0.02  # largest standard error with which an estimate is used [s]
 LEAST_LATENCY, LEAST_CHANGE = 0.03, 0.01
-"""Smallest latency that is taken off, and smallest change of one that is [s]."""
+"""Least latency that is subtracted, and least change of the one that is [s]."""
 SAMPLES_AT_ONCE = 1000  # number of waiting samples at which the estimator takes them, all at once
 
 
@@ -35,7 +35,7 @@ class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         tracks: of the track speeds.
         imu: of the IMU samples.
-        position: of the position fixes.
+        position: of the position fixes and heights.
         heading: of the heading fixes.
         pose: of the pose fixes.
         body_velocity: of the body velocities.
@@ -121,7 +121,7 @@ class StampCorrection:
         self, latencies: Latencies, estimated: float = 0.0, memory: TrackLatencyMemory | None = None
     ) -> None:
         self.latencies, self.estimated = latencies, estimated
-        # Samples of track-speed difference and yaw rate that the estimator has not taken; their number.
+        # Waiting samples of track-speed difference and yaw rate for the estimator, and their number.
         self._track_parts, self._gyro_parts = list[RateSamples](), list[RateSamples]()
         self._waiting_samples = 0
         self._estimator = track_latency.TrackLatencyEstimator()
@@ -145,7 +145,7 @@ class StampCorrection:
 
     def watch(self, record: FilterRecord) -> None:
         """Move the newest rates from a filter's record here; estimate after many of them."""
-        # The estimator needs the track stamps as they were before the estimated part was taken off.
+        # The estimator needs track stamps without the estimated part of the correction.
         for parts, samples, added_ns in (
             (self._track_parts, record.turning, _nanoseconds(self.estimated)),
             (self._gyro_parts, record.yaw_rates, 0),
@@ -176,16 +176,16 @@ class StampCorrection:
         return self._estimator.memory()
 
     def health(self) -> TrackLatencyHealth:
-        """Latency of the track speeds: the one taken off, and the estimate if any."""
+        """Latency of the track speeds: the one subtracted, and the estimate if any."""
         self._flush()
         configured, lag = self.latencies.tracks, self._estimator.estimate()
-        taken_off = configured + self.estimated
+        subtracted = configured + self.estimated
         if lag is None:
-            return TrackLatencyHealth(taken_off)
-        return TrackLatencyHealth(taken_off, configured + lag.seconds, lag.sigma)
+            return TrackLatencyHealth(subtracted)
+        return TrackLatencyHealth(subtracted, configured + lag.seconds, lag.sigma)
 
     def _use_estimate(self) -> None:
-        """Take the estimated latency off from now on, if it is allowed, certain and new."""
+        """Subtract the estimated latency from now on if it is allowed, certain and new."""
         self._flush()
         self._waiting_samples = 0
         if not self.latencies.estimate_tracks:

@@ -33,8 +33,8 @@ class OwnFaults:
     ) -> tuple[Measurement, str | None]:
         """Watch a measurement, and inflate the filter.
 
-        Each fault sees the measurement as those before it have replaced it. Returns that to use, and the
-        name of the fault that excludes it, or None.
+        A fault gets the measurement as replaced by the faults before it. Returns the measurement to use,
+        and the name of the fault that excludes it, or None.
         """
         excluded_by: str | None = None
         inflations: list[tuple[int, float]] = []

@@ -79,8 +79,8 @@ class PoseEstimator:
         settings: settings that are no property of the robot.
         start: pose at the first track speeds: x, y [m], yaw [rad].
         start_sigma: its standard deviations [m, m, rad].
-        latencies: latencies of the stamps that are fed, None if they are times of measurement, as those
-            of a `Log`; `Latencies.of(robot)` for raw stamps of a robot's drivers.
+        latencies: latencies of the stamps that are fed; None if stamps are times of measurement, as in a
+            `Log`; `Latencies.of(robot)` for raw stamps of a robot's drivers.
 
     Raises:
         EstimatorError: there is no such variant, an argument is invalid, or `Settings.considered` has a
@@ -240,7 +240,7 @@ class PoseEstimator:
     def pose_at(self, stamp: int) -> PredictedPose:
         """Predict the pose between two samples or a little ahead of the estimate.
 
-        The motion goes on as it is. The estimate does not change. For a pose of the past set a `mark`.
+        The twist is assumed constant, and the estimate does not change. For a past pose set a `mark`.
 
         Args:
             stamp: time [ns], up to `Settings.hold` after `stamp` of the estimate.
@@ -328,8 +328,7 @@ class PoseEstimator:
         if reason:
             self._arrivals.sensor(stream).reject(reason)
             return reason == TOO_OLD and self._set_clock_back(admission.too_old(measurement))
-        if admission.behind:
-            admission.behind.clear()
+        admission.behind.clear()
         if in_order:
             return history.append(key, measurement)
         self._arrivals.sensor(stream).late += 1

@@ -69,7 +69,7 @@ class Reckoning:
         variant: the filter variant.
         settings: settings that are no property of the robot.
         start: pose at the first track speeds: x, y [m], yaw [rad].
-        spread: its standard deviations [m, m, rad].
+        sigma: its standard deviations [m, m, rad].
 
     Attributes:
         ekf: the extended Kalman filter.
@@ -81,11 +81,11 @@ class Reckoning:
     """
 
     def __init__(
-        self, robot: Robot, variant: Variant, settings: Settings, start: Vector3, spread: Vector3
+        self, robot: Robot, variant: Variant, settings: Settings, start: Vector3, sigma: Vector3
     ) -> None:
         model, state, sigmas, self._disturbances = assumptions(robot, variant, settings)
         self.parameter_sigmas = sigmas[s.PARAMETERS].copy()
-        state[s.POSE], sigmas[s.POSE] = start, spread
+        state[s.POSE], sigmas[s.POSE] = start, sigma
         self.ekf = Ekf(model)
         self.ekf.x = state
         self.ekf.P = np.diag(sigmas**2)
@@ -271,7 +271,7 @@ class Reckoning:
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
         """Add track speeds, after a step with the old ones where these end it."""
         take, has_wheels = self._steps.take_track_speeds, m.left_wheels or m.right_wheels
-        # Compiled code takes the common case in one call, and refuses the others.
+        # Compiled code takes the common case in one call, and refuses all others.
         if not has_wheels and take(m.stamp, m.left, m.right, True) != REFUSED:
             self._counts.sensor("tracks").used += 1
             return True
@@ -280,7 +280,7 @@ class Reckoning:
         if is_first:
             record.stamp = m.stamp
         else:
-            # The old speeds hold up to their own stamp, over a gap to the start of the new interval.
+            # The old speeds hold up to their own stamp, or over a gap to the start of the new interval.
             is_gap = is_hole(tracks, m.stamp, hold)
             if is_gap or filter_record.ends_step(record):
                 self._advance(imu_clock.interval_start(tracks, m.stamp) if is_gap else tracks.stamp)
@@ -298,9 +298,9 @@ class Reckoning:
         return True
 
     def _take_imu(self, m: ImuSample) -> bool:
-        """Take the step that a sample ends; after a gap first move to its start."""
-        verdict = self._steps.take_imu(m, self._mounting, self._uses_force)
-        if verdict == REFUSED:
+        """Take the step that a sample ends, after a gap from its start; True if used."""
+        result = self._steps.take_imu(m, self._mounting, self._uses_force)
+        if result == REFUSED:
             if self._tracks.stamp == NEVER:
                 # The motion is unknown, not at rest.
                 self._imu.stamp = m.stamp
@@ -309,9 +309,9 @@ class Reckoning:
             # The sample measures the present yaw rate, not that in the gap.
             imu_clock.take_stamp(self._imu, m.stamp, self._settings.hold)
             self._advance(imu_clock.interval_start(self._imu, m.stamp))
-            verdict = self._steps.take_imu(m, self._mounting, self._uses_force, after_gap=True)
+            result = self._steps.take_imu(m, self._mounting, self._uses_force, after_gap=True)
         self._counts.standstill_updates += self.record.stands
-        return verdict > 0
+        return result > 0  # 1 if its yaw rate was used
 
     def take_samples(self, samples: SampleArrays, rows: RunRows) -> tuple[int, int, int]:
         """Update with samples, and fill rows, see `PoseEstimator.feed_samples`."""
@@ -329,12 +329,12 @@ class Reckoning:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""
         model, record = measurement_models.MODELS[type(m)], self.record
         if model.standing and is_hole(self._tracks, m.stamp, self._settings.hold):
-            # If it did not stand before, stale speeds hold up to here: when it stopped is not known.
+            # Unless it stood before, the stale speeds hold up to here: the time of stopping is unknown.
             if not record.stands:
                 self._advance(m.stamp)
             filter_record.hold_track_speeds(record, m.stamp, 0.0, 0.0)
-        # Predict ahead, within the step that the next IMU sample will end, or move to the stamp. A zero
-        # velocity at the end of a step is about the next one.
+        # Predict ahead within the step that the next IMU sample will end, or move to the stamp. A zero
+        # velocity at the end of a step measures the next step.
         is_at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER
         ahead = self._waits_for_imu(m.stamp) or (model.standing and is_at_end)
         has_begun_step = False
@@ -342,7 +342,7 @@ class Reckoning:
             self._advance(m.stamp)
         elif not ahead:
             # A twist is measured within the step to its stamp: update first, then move the pose.
-            has_begun_step = NEVER != record.stamp < m.stamp
+            has_begun_step = record.stamp != NEVER and record.stamp < m.stamp
             record.stamp = self._start(m.stamp)
             if has_begun_step:
                 self._steps.move(m.stamp, BEGIN)
@@ -367,17 +367,17 @@ class Reckoning:
         predicted = self._predict(model.predicts, m.stamp, ahead=ahead)
         if model.predicts == "pose":
             self._let_wander(m.stamp)
-        gate, (name, count) = self._gates[model.name], (model.name, len(model.components))
-        linearised = model.linearise(m, predicted)
-        innovation = measurement_models.checked(name, count, len(ekf.x), linearised)
+        gate, unchecked = self._gates[model.name], model.linearise(m, predicted)
+        sizes = len(model.components), len(ekf.x)
+        innovation = measurement_models.checked(model.name, *sizes, unchecked)
         if not all(np.isfinite(part).all() for part in innovation):
-            self._counts.sensor(name).reject(NOT_FINITE)
+            self._counts.sensor(model.name).reject(NOT_FINITE)
             return False
         interval = gate.interval_to(m.stamp)
         if model.is_place:
             slip_factor.inflate_by_lasting_slip(ekf, predicted.values.item(s.YAW), interval)
         if model.predicts == "height" and not gate.counts.judged:
-            # The first height sets the state.
+            # The first height sets the state: inflate by three times its innovation and its sigma.
             ekf.inflate(s.Z, variance=(3.0 * innovation.z.item()) ** 2 + 9.0 * innovation.R.item())
         fastest = record.settings.fastest
         used = update(ekf, model, gate, innovation, m.stamp, interval, fastest=fastest)
@@ -386,7 +386,7 @@ class Reckoning:
         if model.standing and not used:
             record.stood_at = stood_before
         elif model.standing and ahead:
-            # The fast slip of the last step is over.
+            # The measurement is about the next step, which has a new fast slip.
             ekf.renew_fast_slip(predicted.R)
         return used
 

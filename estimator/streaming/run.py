@@ -169,7 +169,7 @@ class _Feeding:
             while waiting.first is not None:
                 waiting = self._feed_part(waiting)
                 if waiting.first is not None:
-                    # The next sample needs more than a step, or the first step has to come.
+                    # The next sample needs more than a step, or the filter has not begun.
                     until = min(waiting.first + ONE_BY_ONE_NS, end)
                     self.feed_each(samples_alone.between(waiting.first, until).measurements())
                     _, waiting = waiting.split(until)
@@ -204,7 +204,7 @@ class InnovationRows:
         self._written: dict[str, int] = {}
 
     def put(self, row: int, judged: Iterable[tuple[str, Judged]]) -> None:
-        """Fill a row with the newest innovations of fixes that are in no row yet."""
+        """Fill a row with the newest innovations of fixes that no row has yet."""
         for sensor, (stamp, _, residual, covariance) in judged:
             if sensor in IMU_SENSORS or self._written.get(sensor) == stamp:
                 continue
@@ -218,7 +218,7 @@ class InnovationRows:
 
     def finish(self, count: int, of_imu: Floats) -> tuple[tuple[str, ...], Singles]:
         """Names (k,) of components with innovations, and the first rows (count, k) [-]."""
-        # Those (most, 3) of the IMU's sensors are added, if there were any.
+        # `of_imu` (most, 3) has the innovations of the sensors of the IMU, NaN without any.
         for name, column in zip(IMU_SENSORS, of_imu.T, strict=True):
             if not np.isnan(column).all():
                 self._columns[name] = column.astype(np.float32)
@@ -231,7 +231,7 @@ class InnovationRows:
 
 
 class Rows:
-    """Rows of a run, up to `most`; innovations of fixes are apart from `arrays`."""
+    """Rows of a run, up to `most`; innovations of fixes are not part of `arrays`."""
 
     def __init__(self, most: int) -> None:
         self.arrays = RunRows(
@@ -272,6 +272,6 @@ class Rows:
             rows.twist_covariances[filled],
             *spatial_of(states, sigmas),
         )
-        indices, faults = rows.indices[filled], rows.faults[filled]
-        counts = health, *self.innovations.finish(count, rows.innovations), faults
-        return Run(variant, trajectory, indices, state_names, states, sigmas, *counts)
+        names, innovations = self.innovations.finish(count, rows.innovations)
+        of_filter = rows.indices[filled], state_names, states, sigmas, health
+        return Run(variant, trajectory, *of_filter, names, innovations, rows.faults[filled])

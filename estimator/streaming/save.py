@@ -1,6 +1,6 @@
 """Saved estimators: the whole estimator as one JSON file, which people can read.
 
-    {"format": "icreckon estimator", "version": 16, "checksum": "...", "content": {
+    {"format": "icreckon estimator", "version": VERSION, "checksum": "...", "content": {
         "variant", "robot", "settings"      arguments of the estimator
         "now"                               checkpoint of the filter, see `FilterCheckpoint`; the state by
                                             name, the covariance in rows in the order of the state
@@ -8,9 +8,9 @@
         "arrivals", "witnesses", "behind",  counts, and clocks that may have been set
         "latencies", "watch"}}              latencies of the stamps, and the watch over that of the tracks
 
-Numbers are written with all digits: reading returns them to the last bit. The checksum is that of the
+Numbers are written with all digits: reading returns them to the last bit. The checksum is of the
 content. The types of the records have the bounds of single values; `require_sound` checks whole matrices,
-and what must fit the filter.
+and that sizes, bounds and marks fit the filter.
 """
 
 import hashlib
@@ -50,7 +50,7 @@ LEARNT_FROM = (
 # Largest value of a state, in its unit, and largest variance.
 LARGEST_STATE, LARGEST_VARIANCE = 1e15, 1e40
 # Least eigenvalue of the correlations, largest asymmetry, and largest covariance of an exact state:
-# rounding leaves less.
+# rounding errors are smaller.
 LEAST_EIGENVALUE, ASYMMETRY, LARGEST_OF_EXACT = -1e-6, 1e-9, 1e-90
 BEYOND_BOUNDS = 1e-3  # distance by which parameters may be beyond their bounds, in their unit
 
@@ -88,12 +88,12 @@ class SavedEstimator(Bounded, frozen=True):
             )
         before, now = flatten(self.robot), flatten(robot_constants(robot))
         # The name first: with another robot all other keys may differ.
-        learnt_from = tuple(f"{key}." for key in LEARNT_FROM)
+        prefixes = tuple(f"{key}." for key in LEARNT_FROM)
         keys = sorted({*before, *now}, key=lambda key: (key != "name", key))
         changed = [key for key in keys if before.get(key) != now.get(key)]
-        barring = [key for key in changed if f"{key}.".startswith(learnt_from)]
-        for key in changed if to_continue else barring:
-            advice = "start again" if barring else "make a warm start, or start again"
+        bar_warm_start = [key for key in changed if f"{key}.".startswith(prefixes)]
+        for key in changed if to_continue else bar_warm_start:
+            advice = "start again" if bar_warm_start else "make a warm start, or start again"
             raise EstimatorError(
                 f"{source}: was saved for a robot with {key} = {before.get(key)!r}, here it is "
                 f"{now.get(key)!r}; use the same robot file, or {advice}"

@@ -202,7 +202,7 @@ class _Tape:
         ekf.observer = ekf.clones = None
         count, size = len(self._rows), self._size
         rows = Rows(count)
-        # lambda and Lambda of the recursion.
+        # lambda (n,) and Lambda (n, n) of the recursion.
         adjoint, information = np.zeros(size), np.zeros((size, size))
         for index in reversed(range(count)):
             row = self._rows.pop()
@@ -233,11 +233,11 @@ _Event = _Step | _Renewal | _Wander | _Update
 def _back(event: _Event, adjoint: Floats, information: Floats) -> tuple[Floats, Floats]:
     """Compute lambda and Lambda before an event on the tape from those after it."""
     match event:
-        case _Update(h, gain, score, own):
+        case _Update(h, gain, score, own_information):
             adjoint = adjoint - h * (float(gain @ adjoint) + score)
-            # C' Lambda C and h' h / S, if it has that, as Lambda less a symmetric matrix of rank two.
+            # C' Lambda C + h' h / S (zero for fixed poses) is Lambda less a symmetric matrix of rank two.
             with_gain = information @ gain
-            half = with_gain - h * (0.5 * (float(gain @ with_gain) + own))
+            half = with_gain - h * (0.5 * (float(gain @ with_gain) + own_information))
             one_side = np.outer(h, half)
             return adjoint, information - (one_side + one_side.T)
         case _Renewal(states):

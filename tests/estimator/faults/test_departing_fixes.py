@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -19,7 +20,6 @@ from icreckon.estimator.faults.departing_fixes import (
     LARGEST_BIAS,
     LARGEST_YAW,
     Departure,
-    Indicated,
     departure_after,
 )
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
@@ -35,13 +35,21 @@ AHEAD, LEFT = 0.05, 0.03
 VALUES = st.floats(-10.0, 10.0)
 
 
+class Shown(NamedTuple):
+    """Errors that a departure shows, by `STATES`."""
+
+    slip: tuple[float, ...]  # x, y [m], slip [m/s]
+    yaw: tuple[float, ...]  # x, y [m], yaw [rad]
+    bias: tuple[float, ...]  # x, y [m], yaw [rad], bias [rad/s]
+
+
 def departed(
     innovations: list[tuple[float, float]],
     interval: float = 1.0,
     yaw: float = 0.0,
     origin: tuple[float, float] = (0.0, 0.0),
     speed: float = SPEED,
-) -> tuple[list[bool], Departure, Indicated]:
+) -> tuple[list[bool], Departure, Shown]:
     """Departure of a robot that drives straight on, by innovations along its path and to the left [m].
 
     The path goes to the yaw; at a negative speed the robot drives it backwards.
@@ -63,7 +71,7 @@ def departed(
             interval,
         )
         found.append(bool(is_clear))
-    return found, departure, shown
+    return found, departure, Shown(*shown)
 
 
 def test_a_robot_that_stands_while_its_tracks_spin_up_is_hardly_ever_lost() -> None:
