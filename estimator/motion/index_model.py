@@ -52,17 +52,19 @@ def solve(
     Args:
         V_l: speed of the left track [m/s].
         V_r: speed of the right track [m/s].
-        parameters: values in the order of `icreckon.Indices`, each of which broadcasts.
+        parameters: `icreckon.Indices`, as `robot.indices`, or its values in that order, each of which
+            broadcasts.
         vehicle: L, M, x_CM, y_CM, as `robot.constants`.
         form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs).
     """
+    values = parameters.as_array() if hasattr(parameters, "as_array") else parameters
     # eta > 0, so the sign of the yaw rate is that of D.
     S_u, Z_u, is_literal = 1.0, -sign(V_r - V_l), form == "literal"
     if is_literal:
         # sign(x_1) and sign(x_2) of (14) and (15); the first parameter is H.
-        Z_u = sign(V_l + parameters[0] * V_r)
+        Z_u = sign(V_l + values[0] * V_r)
         S_u = sign(V_l - V_r) * Z_u
-    problem = _Problem(V_r - V_l, 0.5 * (V_l + V_r), parameters, vehicle, is_literal, S_u, Z_u)
+    problem = _Problem(V_r - V_l, 0.5 * (V_l + V_r), values, vehicle, is_literal, S_u, Z_u)
     u = _balance(problem)
     at = _evaluate(u, problem)
     return Motion(at.twist, at.indices, u, at.force)

@@ -57,6 +57,10 @@ def test_solution_satisfies_the_papers_equations(form, V_l, V_r, parameters):
     assert np.array(by_indices) == pytest.approx(np.array(motion.twist), abs=1e-14)
 
 
+def test_indices_of_a_robot_are_taken_as_they_are():
+    assert solve(0.2, 0.7, ALPHA.indices, VEHICLE) == solve(0.2, 0.7, PUBLISHED, VEHICLE)
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_inertia_of_more_than_the_weight_does_not_move_the_indices(form):
     """Parameters from anywhere: there is a solution, and friction bounds the force in the indices."""
