@@ -121,9 +121,7 @@ def assembled(
     refitted = dict(shared)
     for name in ("constant", "inertia"):
         if name in fits:
-            refitted[name], new, kept_indices = _written_to_file(
-                shared[name], name, new, held, refit
-            )
+            refitted[name], new, kept_indices = _to_write(shared[name], name, new, held, refit)
             kept_names |= _result_names(name, kept_indices, shared[name])
     rows = _parameters(robot, new, fits, refitted, chosen, radii, speeds_by_radius)
     richest = fits.get("inertia", fits["constant"])
@@ -143,7 +141,7 @@ def assembled(
     )
 
 
-def _written_to_file(
+def _to_write(
     shared_fit: Fit, name: str, new: Robot, held: dict[str, float], refit: Refit
 ) -> tuple[Fit, Robot, frozenset[str]]:
     """Refit a model with held common values, and put it into the new robot file.

@@ -1,4 +1,4 @@
-"""Position fixes that depart from the path: both tracks slip, or the path turns.
+"""Position fixes that depart from the path: a robot that slips, slides or turns.
 
 Both tracks may spin on one spot, or slide: all of their speed is slip. The bias of the gyro may jump: the
 path turns. Precise fixes then depart from it to one side, by more and more, but by no more than the robot

@@ -36,10 +36,8 @@ class Disturbances:
         self.bias_walk = np.zeros(s.SIZE)  # random walk of the biases, per √s
         self.bias_walk[s.GYRO_BIAS] = robot.imu.gyro_bias_walk
         self.bias_walk[s.ACCELEROMETER_BIASES] = robot.imu.accelerometer_bias_walk
-        self.slope_walk, slope = (
-            np.zeros(s.SIZE),
-            robot.slope,
-        )  # random walk of gravity, per √m of travel
+        slope = robot.slope
+        self.slope_walk = np.zeros(s.SIZE)  # random walk of gravity, per √m of travel
         self.slope_walk[s.GRAVITY] = slope.walk if slope.sigma > 0.0 else 0.0
         # Rate of forgetting [1/m]: a Gauss-Markov process in the distance, of this standard deviation.
         self.slope_forgetting = 0.5 * (slope.walk / slope.sigma) ** 2 if slope.sigma > 0.0 else 0.0

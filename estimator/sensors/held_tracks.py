@@ -236,10 +236,8 @@ def late_density(held: TrackRecord, start: int, end: int, settings: InputSetting
     if held_for > settings.hold:
         return 0.0
     age = held_for + 0.5 * (held.interval - dt)
-    yaw_rate_change = (
-        (held.acceleration_right - held.acceleration_left) * age / settings.track_width
-    )
-    return yaw_rate_change * yaw_rate_change * dt
+    change = (held.acceleration_right - held.acceleration_left) * age / settings.track_width
+    return change * change * dt
 
 
 def speeds_at(held: TrackRecord, now: int, hold_ns: int) -> tuple[float, float]:

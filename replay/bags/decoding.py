@@ -150,9 +150,8 @@ def read_definitions(files: Sequence[Path]) -> Definitions:
         except (OSError, UnicodeDecodeError) as problem:
             raise ReplayError(f"{file}: cannot be read: {problem}") from None
         except Exception as error:
-            raise ReplayError(
-                f"{file}: not a message definition (.msg): {_reason(error)}"
-            ) from None
+            reason = _reason(error)
+            raise ReplayError(f"{file}: not a message definition (.msg): {reason}") from None
         definitions.append((name, text))
     return tuple(definitions)
 

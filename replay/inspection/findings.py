@@ -166,9 +166,8 @@ def unit_suspicions(estimates: LogEstimates, log: Log) -> Iterator[str]:
     if has_turning and yaw_rates and (text := wheels.turning_suspicion(log.tracks, yaw_rates)):
         yield text
     if len(log.tracks.speeds):
-        speed_99 = float(
-            np.percentile(np.abs(log.tracks.speeds), 99)
-        )  # [m/s], or [rad/s] for rates
+        # In rad/s if the tracks are in rates.
+        speed_99 = float(np.percentile(np.abs(log.tracks.speeds), 99))
         if in_rates and speed_99 > FAST_RATE and not estimates.mapping.lacks_counts_per_turn:
             yield (
                 f"wheel rates of {speed_99:.3g} rad/s: in another unit (rpm, deg/s, counts), or of "

@@ -295,10 +295,8 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         stream.missing = set(names) - there
         stream.lose("no time", int((has_value & ~timed).sum()))
         column, kept = f"{table.path.name}: column {time!r}", stamps[is_kept]
-        notes = (
-            _resolution_note(column, kept),
-            _wrong_unit(column, kept) if purpose in SAMPLED else None,
-        )
+        wrong_unit = _wrong_unit(column, kept) if purpose in SAMPLED else None
+        notes = _resolution_note(column, kept), wrong_unit
         earlier_notes = {note for earlier in streams for note in earlier.notes}
         stream.notes += [note for note in notes if note and note not in earlier_notes]
         stream.msgtype, rows = _rows(spec, values)

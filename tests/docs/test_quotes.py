@@ -1,7 +1,6 @@
 """Sentences of the pages have the figures of the tables that they quote."""
 
 import json
-import math
 import re
 import statistics
 from pathlib import Path
@@ -59,12 +58,12 @@ def on_ground(level: str) -> str:
 def steepness() -> list[float]:
     """Drift of `inertia-online` on each ground of 10°, over that on level ground."""
     board = json.loads((ROOT / "benchmarks/scoreboard.json").read_text(encoding="utf-8"))
-    logs: dict[str, list[float]] = {}
+    drifts: dict[str, list[float]] = {}
     for name, figures in board["healthy"]["rows"].items():
         _, level, *_, variant = name.split(" | ")
         if variant == INERTIA:
-            logs.setdefault(level, []).append(math.log(figures[0]))
-    means = {level: math.exp(statistics.fmean(values)) for level, values in logs.items()}
+            drifts.setdefault(level, []).append(figures[0])
+    means = {level: statistics.geometric_mean(values) for level, values in drifts.items()}
     return sorted(mean / means["level"] for level, mean in means.items() if "10°" in level)
 
 
@@ -87,7 +86,7 @@ def quotations() -> list[tuple[Path, str]]:
     heads = next(one for one in tables(PEERS) if "survived %" in one.head)
     place = [k for k, head in enumerate(heads.head) if head == "survived %"][1]
     survived = {plain(row[0]): row[place] for row in heads.rows}
-    best = sorted(survived[one] for one in ours)
+    best = sorted((survived[one] for one in ours), key=float)
     (worst,) = {survived[plain(one)] for one in others}
     white, wander = (
         float(numbers(FAULTS, "fixes taken for", one, "NEES, ideal 3")[0])

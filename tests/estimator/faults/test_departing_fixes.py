@@ -19,6 +19,7 @@ from icreckon.estimator.faults.departing_fixes import (
     DEPARTURE_SIGMAS,
     LARGEST_BIAS,
     LARGEST_YAW,
+    STATES,
     Departure,
     departure_after,
 )
@@ -136,11 +137,10 @@ def test_it_turns_and_moves_with_all(yaw, x, y, ahead, left):
     for before, after in (
         ((departure.by_x, departure.by_y), (other.by_x, other.by_y)),
         ((departure.from_x, departure.from_y), (other.from_x - x, other.from_y - y)),
-        *((one[:2], another[:2]) for one, another in zip(shown, same, strict=True)),
     ):
         assert after == pytest.approx(tuple(turn @ before), abs=1e-9)
     for one, another in zip(shown, same, strict=True):
-        assert another[2:] == pytest.approx(one[2:], abs=1e-9)
+        assert another == pytest.approx((*(turn @ one[:2]), *one[2:]), abs=1e-9)
 
 
 @given(ahead=st.floats(-0.5, 0.5), left=st.floats(-0.5, 0.5))
@@ -163,12 +163,14 @@ def test_a_path_that_turns_too_far_left_shows_a_larger_bias() -> None:
     _, _, shown = departed([(0.0, -0.1), (0.0, -0.15), (0.0, -0.2)])
     left = math.sqrt(0.2**2 - (DEPARTURE_SIGMAS * LEFT) ** 2)
     assert shown.yaw == pytest.approx((0.0, -left, -left / 1.5))
+    assert STATES == ((s.X, s.Y, s.SLIP_X), (s.X, s.Y, s.YAW), (s.X, s.Y, s.YAW, s.GYRO_BIAS))
+    assert shown.slip[2] == 0.0
     # The bias has turned the path for 3 s: the yaw is off by twice as much by now.
     assert shown.bias == pytest.approx((0.0, -left, -2.0 * left / 1.5, 2.0 * left / 1.5 / 3.0))
 
 
 def test_a_slide_departs_too_and_yaw_and_bias_have_limits() -> None:
-    """All of 1 m to the side over a way of 1.5 m, and 20 cm over one of 30 cm, were a wrong yaw."""
+    """1 m to the side over 1.5 m of driving, and 20 cm over 30 cm, were all a wrong yaw."""
     _, _, shown = departed([(0.0, 0.3), (0.0, 0.6), (0.0, 1.0)])
     left = math.sqrt(1.0 - (DEPARTURE_SIGMAS * LEFT) ** 2)
     assert shown.slip == pytest.approx((0.0, left, 0.0))
