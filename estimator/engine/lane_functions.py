@@ -94,6 +94,9 @@ def sample_inputs(
     silent = take_silence(record, stamp)
     mean = quiet_mean(record.still, stamps, rates, stamp, rate, spread, silent, settings)
     record.stands = 1 if mean == mean else 0
+    if record.stands:
+        # The oldest quiet reading: the tracks show later that the robot has begun to move.
+        rate = rates[record.still.first]
     fill_tracks(record, inputs, lane, stamp)
     inputs[SLOW, lane], inputs[QUIET_MEAN, lane], inputs[RATE, lane] = slow, mean, rate
     tilts = uses_force and rate == rate and force_x == force_x
