@@ -128,6 +128,8 @@ class ReferenceFilter:
         silent = take_silence(record, m.stamp)
         mean = self._readings.mean(still, m.stamp, rate, spread, silent, record.settings)
         noise, record.stands = noise_of_step(record.noise, still, record.settings), mean == mean
+        if record.stands:
+            rate = self._readings.rates.item(still.first)
         # Predict the twist of the step: a new fast slip, and smoothed derivatives by the parameters.
         dt = (m.stamp - record.stamp) * NANOSECOND
         left, right, missing = self._mean_speeds(m.stamp)
