@@ -94,17 +94,16 @@ def sample_inputs(
     silent = take_silence(record, stamp)
     mean = quiet_mean(record.still, stamps, rates, stamp, rate, spread, silent, settings)
     record.stands = 1 if mean == mean else 0
+    move_inputs(record, inputs, lane, stamp)
+    inputs[SLOW, lane], inputs[QUIET_MEAN, lane], inputs[RATE, lane] = slow, mean, rate
+    inputs[TILT_DENSITY, lane] = density
     if record.stands:
         # The oldest quiet reading: the tracks show later that the robot has begun to move.
-        rate = rates[record.still.first]
-    fill_tracks(record, inputs, lane, stamp)
-    inputs[SLOW, lane], inputs[QUIET_MEAN, lane], inputs[RATE, lane] = slow, mean, rate
-    tilts = uses_force and rate == rate and force_x == force_x
-    inputs[ROLL_RATE, lane] = roll if tilts else math.nan
-    inputs[PITCH_RATE, lane] = pitch if tilts else math.nan
-    inputs[TILT_DENSITY, lane] = density
-    inputs[FORCE_X, lane] = force_x if uses_force else math.nan
-    inputs[FORCE_Y, lane] = force_y if uses_force else math.nan
+        inputs[RATE, lane] = rates[record.still.first]
+    if uses_force:
+        inputs[FORCE_X, lane], inputs[FORCE_Y, lane] = force_x, force_y
+        if rate == rate and force_x == force_x:
+            inputs[ROLL_RATE, lane], inputs[PITCH_RATE, lane] = roll, pitch
 
 
 def move_inputs(record: Any, inputs: Floats, lane: int, stamp: int) -> None:
