@@ -93,13 +93,13 @@ def sample_inputs(
     spread = measured_noise(record.noise.gyro)
     silent = take_silence(record, stamp)
     mean = quiet_mean(record.still, stamps, rates, stamp, rate, spread, silent, settings)
-    record.stands = 1 if mean == mean else 0
+    record.stands = 0
+    if mean == mean:
+        # The oldest quiet reading: the tracks show later that the robot has begun to move.
+        record.stands, rate = 1, rates[record.still.first]
     move_inputs(record, inputs, lane, stamp)
     inputs[SLOW, lane], inputs[QUIET_MEAN, lane], inputs[RATE, lane] = slow, mean, rate
     inputs[TILT_DENSITY, lane] = density
-    if record.stands:
-        # The oldest quiet reading: the tracks show later that the robot has begun to move.
-        inputs[RATE, lane] = rates[record.still.first]
     if uses_force:
         inputs[FORCE_X, lane], inputs[FORCE_Y, lane] = force_x, force_y
         if rate == rate and force_x == force_x:

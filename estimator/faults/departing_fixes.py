@@ -105,12 +105,13 @@ def departure_after(
     yaw = max(-largest, min(largest, left / distance))
     # A yaw error that grows with time moves the path half as far as one from the start on.
     bias = max(-LARGEST_BIAS, min(LARGEST_BIAS, -2.0 * yaw / time))
-    by_yaw, by_bias = yaw * distance, -0.5 * bias * time * distance  # to the left [m]
+    turned = -0.5 * bias * time
+    left_x, left_y = -sin * distance, cos * distance
     # Ahead is behind for a robot that drives backwards.
     slip = select(cos * heading[0] + sin * heading[1] < 0.0, -ahead, ahead) / time
     slip_error = cos * ahead - sin * left, sin * ahead + cos * left, slip
-    yaw_error = -sin * by_yaw, cos * by_yaw, yaw
-    bias_error = -sin * by_bias, cos * by_bias, -bias * time, bias
+    yaw_error = left_x * yaw, left_y * yaw, yaw
+    bias_error = left_x * turned, left_y * turned, 2.0 * turned, bias
     return after, is_followed, (slip_error, yaw_error, bias_error)
 
 

@@ -117,25 +117,25 @@ def quiet_mean(
     for k in range(first, end):
         total += rates[k]
     mean = total / (end - first)
-    readings_per_second = (end - first - 1) * 1e9 / max(1, stamp - stamps[first])
+    window = max(NANOSECOND, (stamp - stamps[first]) * NANOSECOND)  # [s]
+    readings_per_second = (end - first - 1) / window
     file_noise = settings.gyro_noise_density
     spread = SIGMAS_OF_FILE * file_noise + SIGMAS_OF_MEASURED * max(0.0, noise - file_noise)
     most_apart = max(settings.quiet_gyro, spread * math.sqrt(readings_per_second))  # [rad/s]
     for k in range(end - 1, first - 1, -1):
         if abs(rates[k] - mean) > most_apart:
             # Readings begin to count after the newest one that is not quiet.
-            still.first = min(k + 1, end - 1)
+            still.first = k + 1 if k + 1 < end else k
             if still.stopped_since <= oldest_needed:
                 add_restless(still, stamp, is_silent)
             return math.nan
     if still.stopped_since > oldest_needed or stamps[first] > oldest_needed:
         return math.nan
-    is_steady_turn = abs(mean - settings.gyro_bias) > settings.most_bias
     mean_sigma = max(file_noise, noise) / math.sqrt(settings.duration_ns * NANOSECOND)
     by_noise = SIGMAS_OF_MEAN * math.sqrt(2.0) * mean_sigma  # for a difference of two means
     has_stood = still.quiet_at >= still.stopped_since
-    has_changed = has_stood and abs(mean - still.quiet_mean) > by_noise
-    if is_steady_turn or (is_silent and has_changed):
+    may_drive = is_silent and has_stood and abs(mean - still.quiet_mean) > by_noise
+    if may_drive or abs(mean - settings.gyro_bias) > settings.most_bias:
         add_restless(still, stamp, is_silent)
         return math.nan
     settle(still)
@@ -170,10 +170,11 @@ def add_quiet(still: StandstillRecord, stamp: int, mean: float, usual_change: fl
     last_quiet = still.quiet_at
     rest_began = max(still.stopped_since, last_quiet)
     still.rest_time = (stamp - rest_began) * NANOSECOND
-    still.drive_time = 0.0 if last_quiet == NEVER else (rest_began - last_quiet) * NANOSECOND
     still.quiet_at, still.quiet_mean = stamp, mean
     if last_quiet == NEVER:
-        still.mean_before = mean
+        still.drive_time, still.mean_before = 0.0, mean
+    else:
+        still.drive_time = (rest_began - last_quiet) * NANOSECOND
     change = abs(mean - still.mean_before)
     if change < 0.5 * usual_change:
         still.changed_at = NEVER
@@ -189,18 +190,18 @@ def follow_mean(
     If the mean differs by more than `by_noise` [rad/s] for `LASTING`, the bias changed at rest:
     `rest_time` becomes the time since that change.
     """
-    replaces_steady = still.rest_time + still.drive_time >= settings.duration_ns * NANOSECOND
-    if not replaces_steady and abs(still.quiet_mean - still.steady_mean) > by_noise:
+    if still.rest_time + still.drive_time < settings.duration_ns * NANOSECOND:
+        if abs(still.quiet_mean - still.steady_mean) <= by_noise:
+            still.moved_at = NEVER
+            return
         if still.moved_at == NEVER:
             still.moved_at = stamp
         changed_time = (stamp - still.moved_at) * NANOSECOND
         if changed_time < LASTING:
             return
         still.rest_time = changed_time
-        replaces_steady = True
     still.moved_at = NEVER
-    if replaces_steady:
-        still.steady_mean = still.quiet_mean
+    still.steady_mean = still.quiet_mean
 
 
 def add_restless(still: StandstillRecord, stamp: int, is_silent: bool) -> None:

@@ -195,7 +195,8 @@ class FunctionWriter:
         stride = bounds[2].value if len(bounds) > 2 else 1
         if stride not in (1, -1):
             raise self._fail(over)
-        stop = stop if stop.value is not None else self._in_variable(stop)
+        if stop.value is None:
+            stop = self._in_variable(Code(f"({INDEX.c})({stop.text})", INDEX))
         relation, step = (">", "--") if stride < 0 else ("<", "++")
         self._local(name, INDEX)
         index = _safe(name)
