@@ -6,11 +6,10 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from ablation import Choice, ablate, count_close
-from contacts import ContactParameters, PaperContact, load_paper_contact, make_contact
-from identify import HERE, as_table, as_toml
+from contacts import ContactParameters, load_paper_contact, make_contact
+from identify import HERE, as_toml
 from readings import Reading, read_errors, read_means, read_numbers, read_parameters
-from search import HOPELESS, PUBLISHED_TARGETS, deviations, identify
+from search import PUBLISHED_TARGETS, deviations, identify
 
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.paper.dynamic_map import DynamicMap
@@ -33,23 +32,6 @@ def test_search_and_least_squares_recover_a_known_contact() -> None:
     assert contact.friction == pytest.approx(KNOWN.friction, rel=0.15)
 
 
-def test_a_contact_without_numbers_is_hopeless_but_no_end() -> None:
-    nowhere = PaperContact(contact=ContactParameters(half_length=0.01))
-    assert (deviations(nowhere) == HOPELESS).all()
-    assert count_close(nowhere).worst == ""
-
-
-def test_ablation_makes_one_choice_at_a_time() -> None:
-    guess = PaperContact()
-    same = Choice(name="the same", contact={"points": guess.contact.points})
-    median = Choice(name="median of |F|", reading={"means": "median"})
-    (row,) = ablate(guess, (same, median), evaluations=1)
-    assert row.guess.reading.means == "median"
-    changed = msgspec.structs.replace(guess, reading=Reading(means="median"))
-    assert row.unchanged == count_close(changed)
-    assert "| median of \\|F\\| |" in as_table([row])
-
-
 def test_the_stored_results_are_the_contact_that_ships(tmp_path: Path) -> None:
     stored = load_paper_contact()
     path = tmp_path / "contact.toml"
@@ -64,14 +46,6 @@ def test_the_stored_results_are_the_contact_that_ships(tmp_path: Path) -> None:
     assert made.body.z_CM == pytest.approx(CONTACT.body.z_CM, rel=1e-5)
     values = read_numbers(paper_map(), stored.reading)
     assert all(values[row.name] == row.reproduced for row in reproduce().rows)
-
-
-def test_a_contact_without_stationary_motions_is_hopeless_too(monkeypatch):
-    def unsolved(*_: object, **__: object) -> None:
-        raise SimulationError("no stationary motion found for 1 of 441 pairs")
-
-    monkeypatch.setattr("icreckon.simulation.paper.reproduction.solve_steady", unsolved)
-    assert count_close(PaperContact()).worst == ""
 
 
 @pytest.fixture(scope="module")
