@@ -4,21 +4,16 @@ import json
 from pathlib import Path
 
 import msgspec
-import numpy as np
 import pytest
-from ablation import Choice, ablate, count_close
-from contacts import ContactParameters, PaperContact, load_paper_contact, make_contact
-from identify import HERE, as_table, as_toml
+from contacts import ContactParameters, load_paper_contact, make_contact
+from identify import HERE, as_toml
 from readings import Reading, read_errors, read_means, read_numbers, read_parameters
-from search import HOPELESS, PUBLISHED_TARGETS, deviations, identify
+from search import PUBLISHED_TARGETS, deviations, identify
 
-from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.paper.dynamic_map import DynamicMap
 from icreckon.simulation.paper.reproduction import CONTACT, paper_map, reproduce
 
 KNOWN = ContactParameters(half_length=0.42, z_CM=0.6, friction=0.8, rolling_resistance=0.05)
 COUNT = 7
-PLAIN = Reading()
 
 
 def test_search_and_least_squares_recover_a_known_contact() -> None:
@@ -31,23 +26,6 @@ def test_search_and_least_squares_recover_a_known_contact() -> None:
     contact = found.best.guess.contact
     assert contact.half_length == pytest.approx(KNOWN.half_length, rel=0.15)
     assert contact.friction == pytest.approx(KNOWN.friction, rel=0.15)
-
-
-def test_a_contact_without_numbers_is_hopeless_but_no_end() -> None:
-    nowhere = PaperContact(contact=ContactParameters(half_length=0.01))
-    assert (deviations(nowhere) == HOPELESS).all()
-    assert count_close(nowhere).worst == ""
-
-
-def test_ablation_makes_one_choice_at_a_time() -> None:
-    guess = PaperContact()
-    same = Choice(name="the same", contact={"points": guess.contact.points})
-    median = Choice(name="median of |F|", reading={"means": "median"})
-    (row,) = ablate(guess, (same, median), evaluations=1)
-    assert row.guess.reading.means == "median"
-    changed = msgspec.structs.replace(guess, reading=Reading(means="median"))
-    assert row.unchanged == count_close(changed)
-    assert "| median of \\|F\\| |" in as_table([row])
 
 
 def test_the_stored_results_are_the_contact_that_ships(tmp_path: Path) -> None:
@@ -66,73 +44,18 @@ def test_the_stored_results_are_the_contact_that_ships(tmp_path: Path) -> None:
     assert all(values[row.name] == row.reproduced for row in reproduce().rows)
 
 
-def test_a_contact_without_stationary_motions_is_hopeless_too(monkeypatch):
-    def unsolved(*_: object, **__: object) -> None:
-        raise SimulationError("no stationary motion found for 1 of 441 pairs")
-
-    monkeypatch.setattr("icreckon.simulation.paper.reproduction.solve_steady", unsolved)
-    assert count_close(PaperContact()).worst == ""
-
-
-@pytest.fixture(scope="module")
-def mapped() -> DynamicMap:
+def test_figures_of_the_identified_soil() -> None:
     """Motions of the paper as written, on the first ground that was found."""
-    return paper_map(make_contact(ContactParameters()))
-
-
-def test_readings_differ_where_they_should(mapped: DynamicMap) -> None:
-    right = np.asarray(mapped.icrs.x_ICRr)[mapped.turning]
-    assert read_means(mapped, Reading(means="median")).x_ICRr == np.median(right)
-    w = np.asarray(mapped.motion.twist.w)[mapped.turning] ** 2
-    weighted = read_means(mapped, Reading(means="velocity")).x_ICRr
-    assert weighted == pytest.approx(float((w * right).sum() / w.sum()))
-    fits = [read_parameters(mapped, Reading(fit=fit)) for fit in ("plain", "velocity", "absolute")]
-    assert len({fit.eta0 for fit in fits}) == 3
-    assert len({fit.H for fit in fits}) == 1
-    gentle = read_means(mapped, Reading(largest_inertia=60.0)).x_ICRr
-    at = mapped.turning & (mapped.magnitude <= 60.0)
-    assert gentle == np.mean(np.asarray(mapped.icrs.x_ICRr)[at])
-    at = mapped.turning & (np.abs(mapped.motion.V_l - mapped.motion.V_r) >= 0.35)
-    apart = read_means(mapped, Reading(least_difference=0.35)).x_ICRr
-    assert apart == np.mean(np.asarray(mapped.icrs.x_ICRr)[at])
-
-
-def test_least_absolute_deviations_are_no_more_than_any_other_fit_leaves(mapped):
-    at = mapped.turning
-
-    def left(fit: str) -> float:
-        reading = msgspec.convert({"fit": fit}, Reading)
-        ours = read_parameters(mapped, reading)
-        signed = mapped.magnitude * np.sign(mapped.motion.V_l - mapped.motion.V_r)
-        signed = signed * np.sign(mapped.motion.V_l + ours.H * mapped.motion.V_r)
-        modelled = ours.epsilon0 + ours.epsilon1 * signed
-        return float(np.abs(mapped.indices.epsilon - modelled)[at].sum())
-
-    assert left("absolute") < min(left("plain"), left("velocity"))
-
-
-def test_contacts_are_what_their_parameters_say() -> None:
-    contact = make_contact(ContactParameters(points=4, end_weight=2.0, tread_width=0.1))
-    assert len(contact.geometry.positions) == 4
-    assert contact.geometry.weights == (2.0, 1.0, 1.0, 2.0)
-    assert contact.geometry.across == (-0.05, 0.0, 0.05)
-    assert contact.soil.coefficients == (0.9, 0.9)
-    assert contact.body == make_contact(ContactParameters()).body
-    for wrong in ({"points": 1}, {"friction": 0.0}, {"tread_width": 0.5}, {"half_length": 0.01}):
-        with pytest.raises(SimulationError, match="make no sense"):
-            make_contact(msgspec.structs.replace(ContactParameters(), **wrong))
-
-
-def test_figures_of_the_identified_soil(mapped):
+    mapped, plain = paper_map(make_contact(ContactParameters())), Reading()
     # The identification's friction and height are known to two digits: half a unit of the last one
     # moves eta2 by 3 %, epsilon1 and eta1 by 2 %, the others by less than 1 %.
-    icrs, fitted = read_means(mapped, PLAIN), read_parameters(mapped, PLAIN)
+    icrs, fitted = read_means(mapped, plain), read_parameters(mapped, plain)
     means = icrs.x_ICRl, icrs.x_ICRr, icrs.y_ICR
     assert means == pytest.approx((-0.455, 0.657, 0.0481), rel=5e-3)
     found = fitted.zeta0, fitted.zeta1, fitted.epsilon0, fitted.eta0
     assert found == pytest.approx((0.0481, 2.39e-4, 0.086, 2.49), rel=5e-3)
     assert (fitted.epsilon1, fitted.eta1) == pytest.approx((8.5e-4, 1.77e-3), rel=0.025)
     assert fitted.eta2 == pytest.approx(2.4e-5, rel=0.05)
-    errors = read_errors(mapped, fitted, icrs, PLAIN)
+    errors = read_errors(mapped, fitted, icrs, plain)
     assert errors.inertia_based == pytest.approx((0.0034, 0.046, 0.051), rel=0.02)
     assert errors.constant == pytest.approx((0.017, 0.077, 0.110), rel=0.02)

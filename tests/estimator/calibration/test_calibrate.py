@@ -358,8 +358,8 @@ def test_an_angle_is_found_within_half_a_turn_of_the_files() -> None:
 
 
 def test_a_written_index_is_the_found_one_or_noted() -> None:
-    log = simulate(Scenario(duration=90.0, trajectory="aggressive", fix_rate=0.0), ROBOT)
-    found = calibrate([log], ROBOT)
+    log = simulate(Scenario(duration=60.0, trajectory="aggressive", fix_rate=0.0), ROBOT)
+    found = calibrate([log], ROBOT, models=("constant", "inertia"))
     rows = [row for row in found.parameters if row.name.startswith("indices.") and row.sigma]
     assert len(rows) > 4
     for row in rows:
@@ -391,7 +391,7 @@ def test_the_gyro_is_not_compared_with_headings_that_it_made(drive: str) -> None
 def test_on_a_slope_a_truth_without_headings_shows_no_scale_of_the_gyro() -> None:
     """The robot slides downhill: the scale came out as 1.026 ± 0.006 where it was 1."""
     slope = Terrain(slope_deg=6.0)
-    scenario = Scenario(duration=90.0, trajectory="random", seed=3, fix_rate=0.0, terrain=slope)
+    scenario = Scenario(duration=60.0, trajectory="random", seed=3, fix_rate=0.0, terrain=slope)
     log = simulate(scenario, ROBOT)
     headed, found = (
         calibrate([replace(log, truth=truth)], ROBOT, models=("constant",))

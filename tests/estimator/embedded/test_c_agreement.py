@@ -1,5 +1,6 @@
 """Exported filters in C, compiled for this machine, against the estimator in Python."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -54,10 +55,14 @@ def test_double_agrees_with_the_estimator(name: str, variant: str) -> None:
     assert max(off.covariance, off.twist) < rounding, off.at
 
 
-@pytest.mark.parametrize("variant", sorted(VARIANTS))
+# Those that no scene ends with.
+RARE = sorted(VARIANTS.keys() - {variant for _, variant in LAST})
+
+
+@pytest.mark.parametrize("variant", RARE)
 def test_all_variants_can_be_exported(variant: str) -> None:
     scenario = Scenario(
-        duration=40.0, seed=3, trajectory="random", fix_rate=1.0, fixes=FixSpec(heading_sigma=0.05)
+        duration=20.0, seed=3, trajectory="random", fix_rate=2.0, fixes=FixSpec(heading_sigma=0.05)
     )
     found = CFilter(ROBOT, variant)
     off = compare(found, PoseEstimator(ROBOT, variant), simulate(scenario, ROBOT).measurements())
@@ -139,7 +144,7 @@ REAL = {
     "husky_deflated_part1": "husky-deflated",
     "jackal_test2.bag": "jackal",
 }
-QUICK = [("husky_test1.bag", 64), ("warthog_grass_2024_8_8_16h11s19", 32)]
+QUICK = [("warthog_grass_2024_8_8_16h11s19", bits) for bits in (64, 32)]
 
 
 @pytest.mark.parametrize(
@@ -160,7 +165,7 @@ def taken(log: Log) -> list[Measurement]:
     return [one for one in log.measurements() if type(one).__name__ in kinds]
 
 
-LONG = [(300.0, 0.0), thorough(3600.0, 0.0), thorough(3600.0, 0.2)]
+LONG = [(120.0, 0.0), thorough(3600.0, 0.0), thorough(3600.0, 0.2)]
 
 
 @pytest.mark.parametrize(("duration", "fix_rate"), LONG)
@@ -229,8 +234,9 @@ def test_outputs_before_the_first_measurement() -> None:
     assert np.isfinite([found.twist.v_x, found.icrs.x, found.icrs.left_y]).all()
 
 
+@cache
 def learnt() -> tuple[CFilter, PoseEstimator]:
-    log = simulate(Scenario(duration=60.0, seed=2, trajectory="random", fix_rate=1.0), ROBOT)
+    log = simulate(Scenario(duration=30.0, seed=2, trajectory="random", fix_rate=1.0), ROBOT)
     found, expected = CFilter(ROBOT, "inertia-online"), PoseEstimator(ROBOT, "inertia-online")
     for measurement in in_order(log.measurements()):
         found.feed(measurement)

@@ -9,7 +9,7 @@ import pytest
 from _logs import WITH_TRUTH
 
 import faulty_drives
-from conftest import sample_log
+from conftest import sample_log, thorough
 from faulty_drives import VARIANTS, motion_over, with_free_wheel, with_wheels
 from fed_estimators import feed_all
 from icreckon import EstimatorError, Log, PoseEstimator, TrackSpeeds, read_log, run, run_many
@@ -204,7 +204,7 @@ def test_no_false_alarm_in_ordinary_drives(count: int, robot: Robot) -> None:
     assert false_alarms(with_wheels(faulty_drives.drive(robot, 3, 36.0), count), robot) == 0
 
 
-@pytest.mark.parametrize("name", ["husky_deflated_part1", "marmotte_part1"])
+@pytest.mark.parametrize("name", [thorough("husky_deflated_part1"), "marmotte_part1"])
 def test_no_false_alarm_on_real_logs(name: str, data_dir: Path) -> None:
     robot = load_robot(WITH_TRUTH[name])
     log = with_wheels(read_log(sample_log(data_dir, name), robot), 2)

@@ -69,7 +69,8 @@ def test_white_scatter_is_measured(path):
     """After two minutes: with fewer fixes white errors and those that walk are not told apart."""
     path = np.concatenate([path, path + path[-1] - path[0]])
     found = [after_fixes(noise(0.5, 120, seed), path=path) for seed in range(8)]
-    assert np.median([one.variance for one in found]) == pytest.approx(0.5**2, rel=0.3)
+    # Of some hundred fixes in two dimensions, the variance of one record is off by 10 %.
+    assert np.median([one.variance for one in found]) == pytest.approx(0.5**2, rel=0.2)
     assert not any(wanders(one) for one in found)
     assert all(one.used > 100 for one in found)
 
@@ -78,7 +79,8 @@ def test_white_scatter_is_measured(path):
 def test_scatter_that_walks_counts_as_one_fix_in_a_minute(path):
     """A walk of 0.5 m a second is off by 3.9 m after a minute, and 60 fixes share it."""
     found = [after_fixes(np.cumsum(noise(0.5, 60, seed), axis=0), path=path) for seed in range(8)]
-    assert np.mean([one.variance for one in found]) == pytest.approx(0.25 * 60.0 * 60.0, rel=0.5)
+    # The square of how far one walk comes is uncertain by itself, the mean of eight by a third of it.
+    assert np.mean([one.variance for one in found]) == pytest.approx(0.25 * 60.0 * 60.0, rel=0.33)
     assert np.mean([wanders(one) for one in found]) > 0.8
 
 

@@ -77,7 +77,7 @@ def test_a_slow_turntable_is_a_bias_and_the_yaw_is_uncertain_by_its_turning() ->
     of_yaw = sum(
         turn_density(still, k * STEP, (k + 1) * STEP) * STEP * NANOSECOND for k in range(300, 800)
     )
-    assert math.sqrt(of_yaw) == pytest.approx(0.2 * 5.0 / 2.0, rel=0.25)
+    assert math.sqrt(of_yaw) == pytest.approx(0.2 * 5.0 / 2.0, rel=0.15)
     stopped_after(still, 9 * SECOND, 0.5, 0.5, SETTINGS.track_speed)
     assert turn_density(still, 9 * SECOND, 10 * SECOND) == 0.0
 

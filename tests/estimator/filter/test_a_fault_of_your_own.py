@@ -142,7 +142,7 @@ def test_measurements_are_excluded_and_replaced() -> None:
         for k in range(200):
             estimator.feed(TrackSpeeds(k * STEP, 0.4, 0.4))
             estimator.feed(ImuSample(k * STEP, (0.0, 0.0, 0.1)))
-        assert estimator.pose[2] == pytest.approx(0.05 * 2.0, rel=0.2)
+        assert estimator.pose[2] == pytest.approx(0.05 * 2.0, rel=0.02)
         assert not estimator.feed(PositionFix(199 * STEP, 5.0, 0.0, 0.01))
         assert estimator.feed(PositionFix(199 * STEP + 1, 0.4, 0.0, 1.0))
         position = estimator.health.sensors["position"]

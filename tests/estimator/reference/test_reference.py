@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import sample
+from conftest import sample, thorough
 from icreckon import EstimatorError, FixSpec, Log, PoseEstimator, Scenario, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.log.measurements import HeadingFix, PositionFix
@@ -28,7 +28,12 @@ def both(log: Log, variant: str, robot: Robot = ALPHA) -> PoseEstimator:
     return product
 
 
-VARIANTS = ["constant-online", "inertia-online", "inertia-fixed", "gyro", "full-linear"]
+VARIANTS = [
+    "constant-online",
+    "inertia-online",
+    "gyro",
+    *map(thorough, ("inertia-fixed", "full-linear")),
+]
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

@@ -62,7 +62,7 @@ def percent(log: Log, run: Run) -> float:
     ("name", "variant", "count", "rate"),
     [
         thorough("auriga-alpha", "gyro", COUNT, 50.0),
-        ("auriga-alpha", "inertia-online", 0.01, 50.0),
+        thorough("auriga-alpha", "inertia-online", 0.01, 50.0),
         thorough("auriga-alpha", "inertia-online", 0.02, 20.0),
         ("husky", "constant-online", COUNT, 50.0),
         ("husky", "inertia-online", COUNT, 50.0),

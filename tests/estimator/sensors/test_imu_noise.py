@@ -82,6 +82,7 @@ def test_gaps_and_outliers_hardly_count():
     readings[rng.random(len(stamps)) < 0.01] += 1000.0
     kept = rng.random(len(stamps)) > 0.05
     kept_stamps = np.array(stamps)[kept].tolist()
+    # Their root mean square is ten times as large.
     assert densities(measured(kept_stamps, readings[kept])) == pytest.approx(found, rel=0.5)
 
 

@@ -1,4 +1,4 @@
-"""Plain Python functions as C: what has no form is an error."""
+"""Plain Python functions as C: numbers, and what has no form; tests/estimator/embedded has the rest."""
 
 import math
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from icreckon.estimator.tracing.c_functions import Functions
+from icreckon.estimator.tracing.c_kernel import literal
 
 
 def listed(x: float) -> float:
@@ -36,3 +37,18 @@ def with_an_else(x: float) -> float:
 def test_what_has_no_form_is_named(function: Any) -> None:
     with pytest.raises(NotImplementedError, match=rf"{function.__name__}: .*has no form in C"):
         Functions(64, {}, {}, {}).translate(function)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.5, "0.5"),
+        (1e300, "1e+300"),
+        (math.inf, "INFINITY"),
+        (-math.inf, "-INFINITY"),
+        (math.nan, "NAN"),
+    ],
+)
+def test_numbers_in_c(value: float, text: str) -> None:
+    assert literal(value, 64) == text
+    assert literal(0.5, 32) == "0.5f"

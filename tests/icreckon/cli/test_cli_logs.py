@@ -51,7 +51,7 @@ def test_a_type_of_ones_own(tmp_path: Path) -> None:
 
 
 def test_replay_writes_the_smoothed_paths_beside_the_others(tmp_path: Path) -> None:
-    words = ("--duration", 30, "--outage", "8:26", "--trajectory", "slalom", "--seed", 3)
+    words = ("--duration", 20, "--outage", "5:18", "--trajectory", "slalom", "--seed", 3)
     succeeds("simulate", "--out", "run", *words, cwd=tmp_path)
     words = ("--robot", "auriga-alpha", "--variants", "inertia-online", "--smooth")
     words = ("replay", "run", *words, "--out", "found")

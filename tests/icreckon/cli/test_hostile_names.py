@@ -13,7 +13,7 @@ from icreckon import ReplayError, inspect
 from small_robot import drive, write_robot
 
 SECOND = 10**9
-NAMES = ("/[/]a[red]b", "/esc\x1b[2Jx\x9b2J", "/:smiley:$x_{$", "/line\nbreak")
+NAMES = ("/[/]a[red]b:smiley:$x_{$", "/esc\x1b[2Jx\x9b2J", "/line\nbreak")
 STAMPS = [k * SECOND // 10 for k in range(1, 40)]
 
 

@@ -19,7 +19,7 @@ AURIGA = ("--robot", "auriga-alpha")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two simulated drives of different lengths, a file that is none, and a second robot file."""
     folder = tmp_path_factory.mktemp("many")
-    for name, seconds in (("monday", 50), ("tuesday <&>", 40)):
+    for name, seconds in (("monday", 40), ("tuesday <&>", 35)):
         words = ("--duration", seconds, "--seed", seconds, "--fix-rate", 0)
         succeeds("simulate", "--out", folder / name, *words, cwd=folder)
     (folder / "broken.bag").write_bytes(b"#ROSBAG V2.0\nnothing")

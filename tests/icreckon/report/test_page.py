@@ -545,11 +545,6 @@ def test_a_parameter_that_one_variant_learns_is_a_chart(changed, change):
         assert [one["series"] for one in chart[part]] == ["inertia-online"]
 
 
-@pytest.mark.parametrize(("seconds", "rows"), [(90.0, 1500), (600.0, 2400), (36_000.0, 4000)])
-def test_longer_logs_have_more_rows_up_to_a_limit(seconds: float, rows: int) -> None:
-    assert plot_series.series_points(seconds) == rows
-
-
 def test_faults_are_named_with_their_times(changed) -> None:
     assert not fault_lines(changed)
     best = changed["verdict"]["best"]

@@ -59,6 +59,6 @@ assert len(log.imu.stamps) == int(sys.argv[2])
 
 @pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
 def test_images_are_not_kept(tmp_path: Path, robot: Robot, plugin: StoragePlugin) -> None:
-    path = large_bag(tmp_path, robot, 300, plugin)
-    # 300 MB of images; the imports alone take about 115 MB.
+    path = large_bag(tmp_path, robot, 150, plugin)
+    # 150 MB of images; the imports alone take about 115 MB.
     assert peak_megabytes(READ, tmp_path, path, 1000) < 200.0

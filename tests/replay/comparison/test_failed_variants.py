@@ -22,7 +22,7 @@ from icreckon.report.replay.page_text import failures
 from icreckon.report.replay.tables import results_table
 
 ROBOT = load_robot("auriga-alpha")
-LOG = simulate(Scenario(duration=24.0, seed=2, outages=((10.0, 24.0),)), ROBOT)
+LOG = simulate(Scenario(duration=24.0, seed=2, outages=((10.0, 24.0),), imu_rate=50.0), ROBOT)
 VARIANTS = ("constant-online", "inertia-online")
 LOST = 12.0  # s
 FROM = int(LOG.start + LOST * 1e9)

@@ -73,7 +73,7 @@ def test_what_fixes_do_not_state_is_neither_evidence_nor_kept(tmp_path: Path) ->
     assert not found_in(stating).reason
     assert estimate_wander(stating, yaw_rates(log), states_sigma=False).reason
     # Poses without covariances, of which all noise is white.
-    log = driven(FixSpec(sigma=0.2))
+    log = driven(FixSpec(sigma=0.2), seconds=250.0)
     slam = PoseSeries(log.fixes.stamps, np.nan_to_num(log.fixes.poses))
     robot = msgspec.structs.replace(ALPHA, log=ALPHA.log | {"truth": {"topic": "/slam/pose"}})
     bag = write_log(replace(log, truth=Truth(slam), fixes=None), tmp_path / "bag", "mcap", robot)

@@ -252,7 +252,7 @@ def test_the_pose_goes_on_where_a_clock_is_set(ahead, robot, messages):
     assert stepped.stamp - usual.stamp == pytest.approx(ahead(SECONDS) * 10**9, abs=10**8)
     assert np.hypot(*(stepped.pose - usual.pose)[:2]) < 0.02
     sigmas = (np.sqrt(np.diagonal(one.pose_covariance)) for one in (stepped, usual))
-    assert next(sigmas) == pytest.approx(next(sigmas), rel=0.3)
+    assert next(sigmas) == pytest.approx(next(sigmas), rel=1e-6)
     for name, health in usual.parameter_health.items():
         share = stepped.parameter_health[name].share
         assert share == pytest.approx(health.share, abs=0.1, nan_ok=True)

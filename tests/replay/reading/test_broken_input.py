@@ -32,7 +32,7 @@ COSTLY = ("gap", "clock steps")
 @pytest.fixture(scope="module")
 def outcomes(tmp_path_factory):
     robot = load_robot("auriga-alpha")
-    log = replace(simulate(Scenario(duration=60.0, seed=6), robot), fixes=None)
+    log = replace(simulate(Scenario(duration=30.0, seed=6), robot), fixes=None)
     return broken_runs(log, robot, "inertia-online", tmp_path_factory.mktemp("broken"))
 
 
