@@ -258,6 +258,11 @@ def test_inputs_of_a_step_are_assembled_in_one_place() -> None:
     assert found == ASSEMBLE
 
 
+def test_records_are_copied_and_shifted_by_generic_functions() -> None:
+    for source in sources("estimator"):
+        assert "def shifted(self" not in source.read_text(encoding="utf-8"), source
+
+
 def test_the_distribution_is_typed() -> None:
     assert (ROOT / "icreckon" / "py.typed").exists()
 
