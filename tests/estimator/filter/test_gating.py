@@ -108,7 +108,7 @@ def test_what_moves_does_not_stand(rates, speeds):
 
 
 def test_starts_that_the_tracks_show_late_do_not_become_a_bias_of_the_gyro():
-    """IMU at 400 Hz, tracks at 10 Hz: slow starts on the spot moved it by 8 standard deviations."""
+    """IMU at 400 Hz, tracks at 10 Hz: slow starts on the spot moved it by 4 standard deviations."""
     estimator, noise = PoseEstimator(ALPHA, "gyro"), ALPHA.imu.gyro_noise_density * np.sqrt(400)
     rng = np.random.default_rng(0)
     for k in range(80 * 400):
