@@ -10,7 +10,7 @@ from _tables import DOCS, plain, tables
 
 from readme import ROOT
 
-README, PROOF = ROOT / "README.md", DOCS / "proof.md"
+README, PROOF, INDEX = ROOT / "README.md", DOCS / "proof.md", DOCS.parent / "index.md"
 LOGS, PEERS, FAULTS, BOARD = (
     DOCS / "proof" / f"{name}.md" for name in ("real-logs", "peers", "faults", "scoreboard")
 )
@@ -96,6 +96,7 @@ def quotations() -> list[tuple[Path, str]]:
     return [
         (README, f"reduce its drift by {less(whole)} %"),
         (README, f"in place of the calibrated one `{INERTIA}` drifts {known('nominal track')} %"),
+        (INDEX, f"with the same calibration: {inertia} instead of {gyro} % of the distance"),
         (PROOF, f"`{INERTIA}` drifts {less(whole)} % less than wheels and gyro"),
         (PROOF, f"(NEES of the motion {nees}, where 3 is ideal)"),
         (
@@ -126,7 +127,7 @@ def quotations() -> list[tuple[Path, str]]:
     ]
 
 
-@pytest.mark.parametrize("page", [README, PROOF, LOGS, PEERS], ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [README, INDEX, PROOF, LOGS, PEERS], ids=lambda page: page.stem)
 def test_a_sentence_has_the_figures_of_its_table(page: Path) -> None:
     text = " ".join(page.read_text(encoding="utf-8").split())
     missing = [words for where, words in quotations() if where == page and words not in text]
