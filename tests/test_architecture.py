@@ -48,7 +48,7 @@ ONLY_IN = {
 }
 HEAVY = {"scipy", "matplotlib", "numba", "filterpy", "rosbags", "pyarrow"}
 LONGEST_FILE = 600
-MOST_LINES = 54_557  # of the four packages together; a change that adds makes room first
+MOST_LINES = 54_556  # of the four packages together; a change that adds makes room first
 # Files that assemble the inputs of a step: of every step, of a prediction ahead, of the textbook.
 ASSEMBLE = {
     "estimator/engine/lane_functions.py",

@@ -41,7 +41,8 @@ def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
     """
     log = comparison.log
     first_run = next(iter(comparison.runs.values()))
-    most = series_points((log.end - log.start) * NANOSECOND)
+    wanted = (log.end - log.start) * NANOSECOND / SERIES_STEP
+    most = int(np.clip(wanted, SERIES_POINTS, MOST_SERIES_POINTS))
     stamps = first_run.stamps[picks(len(first_run.stamps), most)]
     truths, path = comparison.truths, first_run.trajectory.pose_series
     shown = truths.get(headline)
@@ -101,11 +102,6 @@ def _run_columns(run: Run, stamps: Stamps, point: Floats, truth: Truth | None) -
         columns["position_error_m"] = rounded(np.hypot(x, y))
         columns["yaw_error_rad"] = rounded(np.asarray(wrap_angle(yaw)))
     return columns
-
-
-def series_points(seconds: float) -> int:
-    """Most rows of the series of a log of this duration [s]."""
-    return int(min(max(SERIES_POINTS, seconds / SERIES_STEP), MOST_SERIES_POINTS))
 
 
 def _inputs(log: Log, robot: Robot, stamps: Stamps) -> Results:

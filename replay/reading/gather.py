@@ -95,12 +95,8 @@ def log_files(folder: Path) -> list[Path]:
     if any(file.name.lower().endswith(BAG_SUFFIXES) for file in found):
         return found
     # With tables, the trajectory of a truth. Other texts are notes, or estimates.
-    return [file for file in files if file in found or _is_true_trajectory(file)]
-
-
-def _is_true_trajectory(file: Path) -> bool:
-    """Test a text for a trajectory that its name calls a truth."""
-    return is_truth(file.stem) and is_table(file) and is_trajectory(file)
+    texts = (file for file in files if is_truth(file.stem) and is_table(file))
+    return sorted({*found, *filter(is_trajectory, texts)})
 
 
 def _parts_of(folder: Path) -> list[Path]:
